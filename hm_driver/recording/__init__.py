@@ -1,0 +1,1 @@
+"""Recording a session: ring in shared memory -> recorder process -> MCAP, and reading it back."""
