@@ -129,7 +129,7 @@ def test_the_spin_margin_keeps_to_its_ceiling_and_to_the_duty_cap():
 
 
 def test_a_duty_cap_out_of_range_is_refused():
-    with pytest.raises(ConfigurationError, match="0 to 0.5"):
+    with pytest.raises(ConfigurationError, match="outside 0 to"):
         SpinMargin(MS, duty_cap=0.9)
 
 

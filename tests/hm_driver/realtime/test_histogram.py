@@ -1,3 +1,5 @@
+import itertools
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -19,7 +21,7 @@ def test_a_duration_lies_within_the_bounds_of_its_bucket_and_they_are_3_percent_
 
 def test_buckets_follow_each_other_without_a_gap():
     bounds = [bucket_bounds(bucket) for bucket in range(BUCKETS)]
-    assert all(low == high_before + 1 for (_, high_before), (low, _) in zip(bounds, bounds[1:], strict=False))
+    assert all(low == high_before + 1 for (_, high_before), (low, _) in itertools.pairwise(bounds))
 
 
 @given(st.integers(-5, 2**41))

@@ -1,8 +1,8 @@
 import multiprocessing
-import os
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -135,11 +135,11 @@ def test_a_block_left_by_a_killed_run_is_removed_by_the_next_one():
         "from hm_driver.realtime.shared import SharedBlock; import os, sys;"
         "b = SharedBlock.create(64, tag='killed'); print(b.path, flush=True); os.kill(os.getpid(), 9)"
     )
-    path = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False
-    ).stdout.strip()
-    assert os.path.exists(path)
+    command = [sys.executable, "-c", code]
+    killed = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603  # ours
+    path = Path(killed.stdout.strip())
+    assert path.exists()
     with SharedBlock.create(64, tag="test") as mine:
-        assert not os.path.exists(path)
+        assert not path.exists()
         assert mine.path not in remove_stale_blocks()
         assert mine.path.exists()
