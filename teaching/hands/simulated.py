@@ -1,0 +1,246 @@
+"""A simulated demonstrator: sees what a person sees and acts through the force sensor alone.
+
+He teaches each object in turn along parallel lines, looks at what the skill does after each update, and then
+mops up where he remembers having been in control. In z he knows one depth for each colour from practice,
+changes to it after his reaction lag, and corrects by the force that he sees. He never reads a stiffness.
+"""
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from hm_driver.errors import ConfigurationError
+from teaching.hands.contract import HandIntent, Seen, Vector
+from teaching.hands.memory import PlaneMemory
+from teaching.hands.paths import Area, Point, Walker, raster
+
+
+AIR = 0.01
+"""Height above the surface at which he moves before he has seen a colour [m]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DemonstratorOptions:
+    """How the simulated demonstrator moves, sees and errs. Lengths and speeds are the manipulator's."""
+
+    speed: float = 0.18
+    """Speed along the lines [m/s]."""
+    line_spacing: float = 0.025
+    """Distance of two lines [m]."""
+    examination: float = 3.0
+    """How long he looks at the skill after an update [s]."""
+    lag: float = 0.15
+    """Reaction lag [s]."""
+    force_noise: float = 0.5
+    """Standard deviation of the force that he holds unsteadily [N]."""
+    noise_time: float = 0.5
+    """Correlation time of that noise [s]."""
+    practised: bool = True
+    """Whether he knows a depth for each colour; a novice has the seen force alone."""
+    practice_error: float = 0.03
+    """Standard deviation of the depths learned in practice, relative."""
+    correction: float = 1.0
+    """Share of the seen force error that he corrects in a second [1/s]."""
+    stiffness: float = 1000.0
+    """Of his arm while he is in control [N/m]."""
+    damping: float = 70.0
+    """Of his arm while he is in control [N*s/m]."""
+    relaxed_stiffness: float = 15.0
+    """Of his arm in z while the skill is in control [N/m]."""
+    relaxed_damping: float = 2.0
+    """Of his arm in z while the skill is in control [N*s/m]."""
+    relax_time: float = 0.2
+    """How long he takes to relax or to take hold [s]."""
+    press_speed: float = 0.15
+    """Speed at which he changes the depth on purpose [m/s]."""
+
+    def __post_init__(self) -> None:
+        for name in ("speed", "line_spacing", "noise_time", "stiffness", "relax_time", "press_speed"):
+            if not getattr(self, name) > 0.0:
+                raise ConfigurationError(name, f"{getattr(self, name)} must be above 0")
+        for name in ("examination", "lag", "force_noise", "practice_error", "correction", "damping"):
+            if not getattr(self, name) >= 0.0:
+                raise ConfigurationError(name, f"{getattr(self, name)} must not be negative")
+        if not 0.0 <= self.relaxed_stiffness <= 20.0:
+            raise ConfigurationError("relaxed_stiffness", f"{self.relaxed_stiffness} N/m must be 0 to 20 N/m")
+
+
+class Doing(Enum):
+    """What the demonstrator is about."""
+
+    APPROACHING = "approaching"
+    """On his way to the object that is next."""
+    TEACHING = "teaching"
+    """Drawing lines over an object."""
+    EXAMINING = "examining"
+    """Moving about where the skill has just taken over, to see how it does."""
+    MOPPING_UP = "mopping up"
+    """Visiting the places where he remembers having been in control."""
+
+
+class SimulatedHand:
+    """The demonstrator of the paper's experiment, simulated.
+
+    Args:
+        areas: The coloured areas on the screen, in the order in which he teaches them [m].
+        depths: Depth [m] that he learned in practice for each colour; one first guess, of a novice.
+        reference_force: What he is asked to hold [N].
+        to_handle: Manipulator's x, y and height [m] to the handle's position [m].
+        surface_z: Height of the surface in the manipulator's frame [m].
+        start: Position of the handle now, in the manipulator's frame [m].
+        options: His manner.
+        rng: His randomness.
+    """
+
+    def __init__(
+        self,
+        *,
+        areas: list[Area],
+        depths: list[float],
+        reference_force: float,
+        to_handle: Callable[[float, float, float], Vector],
+        surface_z: float,
+        start: Vector,
+        options: DemonstratorOptions,
+        rng: np.random.Generator,
+    ) -> None:
+        self._areas = areas
+        self._depths = list(depths)
+        self._reference_force = reference_force
+        self._to_handle = to_handle
+        self._surface_z = surface_z
+        self._options = options
+        self._rng = rng
+        self._noise = 0.0
+        self._draws: list[float] = []
+        self._walker = Walker((start[0], start[1]), options.speed)
+        self._memory = PlaneMemory(areas, cell=options.line_spacing)
+        self._object = 0
+        self._lines_along_x = True
+        self._examined = 0.0
+        self._depth = surface_z - start[2]
+        self._wanted = self._depth
+        self._hold = 1.0
+        self._delayed: deque[tuple[float, int, float]] = deque()
+        self._colour, self._felt = -1, 0.0
+        self._settled = 0.0
+        self._age = 0.0
+        self._taught: list[Point] = []
+        self._last_position: Vector | None = None
+        self.doing = Doing.APPROACHING
+        self._start_object()
+
+    def step(self, seen: Seen, dt: float) -> HandIntent | None:
+        """Answer what is seen; lets go when the screen says that the autonomous stage begins."""
+        if seen.autonomous:
+            return None
+        options = self._options
+        self._age += dt
+        self._memory.see(seen.x, seen.y, seen.C, dt)
+        self._decide(seen, dt)
+        x, y = self._walker.step(dt)
+        self._press(seen, dt)
+        in_control = seen.C > 0.5
+        grip = dt / options.relax_time
+        self._hold = min(1.0, self._hold + grip) if in_control else max(0.0, self._hold - grip)
+        stiffness_z = options.relaxed_stiffness + self._hold * (options.stiffness - options.relaxed_stiffness)
+        damping_z = options.relaxed_damping + self._hold * (options.damping - options.relaxed_damping)
+        position = self._to_handle(x, y, self._surface_z - self._depth)
+        last = self._last_position or position
+        self._last_position = position
+        velocity = (
+            (position[0] - last[0]) / dt,
+            (position[1] - last[1]) / dt,
+            (position[2] - last[2]) / dt if in_control else 0.0,
+        )
+        return HandIntent(
+            position,
+            velocity,
+            (options.stiffness, options.stiffness, stiffness_z),
+            (options.damping, options.damping, damping_z),
+        )
+
+    def _start_object(self) -> None:
+        area = self._areas[self._object]
+        path = raster(
+            area,
+            self._options.line_spacing,
+            self._options.line_spacing / 2.0,
+            along_x=self._lines_along_x,
+            start=self._walker.position,
+        )
+        self._walker.go(path)
+        self._lines = len(path)
+        self.doing = Doing.APPROACHING
+
+    def _decide(self, seen: Seen, dt: float) -> None:
+        """Choose where to go next by what the screen has shown so far."""
+        if self.doing is Doing.APPROACHING and self._walker.way_points_left < self._lines:
+            self.doing = Doing.TEACHING
+        if self.doing is Doing.EXAMINING:
+            self._examined += dt
+            if self._examined >= self._options.examination:
+                self._next_object()
+            elif self._walker.is_done:
+                self._walker.go([self._taught[int(self._rng.integers(len(self._taught)))]])
+        elif self._memory.has_changed_hands:
+            self._taught = self._memory.note_update()
+            self._examined = 0.0
+            self.doing = Doing.EXAMINING
+            self._walker.go([])
+        elif self._walker.is_done:
+            if self.doing is Doing.MOPPING_UP:
+                self._mop_up()
+            else:
+                self._lines_along_x = not self._lines_along_x
+                self._start_object()
+
+    def _next_object(self) -> None:
+        self._object += 1
+        if self._object < len(self._areas):
+            self._lines_along_x = True
+            self._start_object()
+        else:
+            self._object = len(self._areas) - 1
+            self._mop_up()
+
+    def _mop_up(self) -> None:
+        self.doing = Doing.MOPPING_UP
+        self._walker.go([self._memory.nearest_unsettled(*self._walker.position, self._rng)])
+
+    def _press(self, seen: Seen, dt: float) -> None:
+        """Hold the depth of the colour seen a lag ago, corrected by the force seen a lag ago."""
+        options = self._options
+        self._delayed.append((self._age + options.lag, seen.surface, seen.force))
+        colour = self._colour
+        while self._delayed and self._delayed[0][0] <= self._age + 1e-9:
+            _, self._colour, self._felt = self._delayed.popleft()
+        if seen.C <= 0.5:
+            self._depth = seen.depth
+            self._settled = 0.0
+            return
+        decay = math.exp(-dt / options.noise_time)
+        self._noise = decay * self._noise + math.sqrt(1.0 - decay * decay) * self._draw()
+        if self._colour < 0:
+            wanted = -AIR
+        else:
+            known = self._colour if options.practised else 0
+            near = abs(self._wanted - self._depth) < 0.1 * abs(self._wanted)
+            self._settled = self._settled + dt if near and self._colour == colour else 0.0
+            if self._settled > 2.0 * options.lag or not options.practised:
+                error = 1.0 - self._felt / self._reference_force
+                self._depths[known] *= 1.0 + max(-0.5, min(0.5, error)) * options.correction * dt
+            unsteady = options.force_noise / self._reference_force * self._noise
+            wanted = self._depths[known] * (1.0 + unsteady)
+        self._wanted = wanted
+        limit = options.press_speed * dt
+        self._depth += max(-limit, min(limit, wanted - self._depth))
+
+    def _draw(self) -> float:
+        if not self._draws:
+            self._draws = self._rng.standard_normal(1024).tolist()
+        return self._draws.pop()
