@@ -204,7 +204,9 @@ def parse_command(text: str) -> Command:
     known = _PLAIN_COMMANDS.get(text)
     if known is not None:
         return known
-    words = text.rstrip("; \t\r\n").split(None, 3)
+    words = (text.rstrip(_ENDINGS) if text[-1:] in _ENDINGS else text).split(None, 3)
+    if len(words) == 4 and words[0] == "set" and words[1] not in _SETTABLE:
+        return SetParameter(words[1], words[2], parse_value(words[3]))
     parser = _PARSERS.get(words[0]) if words else None
     if parser is None:
         raise ProtocolError(f"unknown command {_shown(text)}; accepted: {' '.join(VERBS)}", received=text)
@@ -223,15 +225,18 @@ def split_request(text: str) -> list[str]:
 
 
 def _finite_components(text: str) -> Vector | Quaternion:
-    numbers = [float(component) for component in text[1:-1].split(",")]
-    total = sum(numbers)
+    components = text[1:-1].split(",")
+    value: Vector | Quaternion
+    if len(components) == 3:
+        value = float(components[0]), float(components[1]), float(components[2])
+        total = value[0] + value[1] + value[2]
+    else:
+        x, y, z, w = components
+        value = float(x), float(y), float(z), float(w)
+        total = sum(value)
     if total - total != 0.0:
         raise ValueError(text)
-    if len(numbers) == 3:
-        return (numbers[0], numbers[1], numbers[2])
-    if len(numbers) == 4:
-        return (numbers[0], numbers[1], numbers[2], numbers[3])
-    raise ValueError(text)
+    return value
 
 
 def _parse_get(words: list[str], text: str) -> Command:
@@ -248,10 +253,8 @@ def _parse_get(words: list[str], text: str) -> Command:
 
 def _parse_set(words: list[str], text: str) -> Command:
     count = len(words)
-    if count >= 3 and words[1] in SETTABLE_QUANTITIES:
+    if count >= 3 and words[1] in _SETTABLE:
         return _parse_set_quantity(words, text)
-    if count == 4:
-        return SetParameter(words[1], words[2], parse_value(words[3]))
     if count == 3 and words[2] == "enable":
         return Enable(words[1])
     if count == 3 and words[2] == "disable":
@@ -293,6 +296,9 @@ def _parse_plain(words: list[str], text: str) -> Command:
 def _shown(text: str) -> str:
     return repr(text if len(text) <= 32 else f"{text[:29]}...")
 
+
+_ENDINGS = "; \t\r\n"
+_SETTABLE = frozenset(SETTABLE_QUANTITIES)
 
 _PARSERS: Mapping[str, Callable[[list[str], str], Command]] = MappingProxyType(
     {

@@ -171,6 +171,8 @@ def _detect(first: int) -> Dialect:
 
 def _split_lines(buffer: bytes, limit: int) -> tuple[list[bytes], bytes]:
     """Complete lines, and the rest."""
+    if buffer.find(b"\n") == len(buffer) - 1 <= limit and buffer[-2:] != b"\r\n":
+        return ([buffer[:-1]], b"") if buffer else ([], b"")  # what nearly always comes: one whole line
     lines = buffer.split(b"\n")
     rest = lines.pop()
     if len(rest) > limit:

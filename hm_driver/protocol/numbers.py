@@ -23,7 +23,7 @@ def format_number(x: float) -> str:
     """
     if x - x != 0.0:
         raise ProtocolError(f"{x} cannot be sent: the protocol carries finite numbers only")
-    return f"{x:g}"
+    return "%g" % x  # noqa: UP031 - half the time of an f-string
 
 
 def format_vector(components: Sequence[float]) -> str:
@@ -36,7 +36,7 @@ def format_vector(components: Sequence[float]) -> str:
         x, y, z = components
         total = x + y + z
         if total - total == 0.0:
-            return f"[{x:g},{y:g},{z:g}]"
+            return "[%g,%g,%g]" % (x, y, z)  # noqa: UP031 - half the time of an f-string
     return f"[{','.join([format_number(component) for component in components])}]"
 
 

@@ -17,8 +17,8 @@ def split_parts(text: str) -> list[str]:
     Raises:
         ProtocolError: The last part is not closed, so the reply may be cut off.
     """
-    parts = text.rstrip().split(";")
-    if parts[-1]:
+    parts = text.split(";")
+    if parts[-1].strip():
         raise ProtocolError(f"reply {_shown(text)} does not end with ';': it was cut off", received=text)
     del parts[-1]
     return parts
