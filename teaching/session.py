@@ -13,7 +13,7 @@ from hm_driver.errors import ConfigurationError
 from hm_driver.realtime.setpoint import LoopState, SetPoint
 from teaching.accumulator import Accumulator, BackgroundUpdate, Batch
 from teaching.arbitration import Arbitration, Query, blend
-from teaching.coverage import coverage
+from teaching.evaluation import coverage
 from teaching.hands.contract import Seen
 from teaching.hands.paths import Area, Walker, raster
 from teaching.lwr import LWR
@@ -134,6 +134,7 @@ class Session:
         task: The plane, its objects and how the handle maps onto it.
         learner: The skill; a copy of it learns each update and replaces it in whole.
         arbitration: Who is in control.
+        w_th: Activation from which on a place of the plane counts as covered.
         accumulator: Buffer of eqs. (10) and (11).
         assist_stiffness: Stiffness of the loop's assist spring [N/m], for the estimate of the intention.
         options: How the session goes.
@@ -145,6 +146,7 @@ class Session:
         task: Task,
         learner: LWR,
         arbitration: Arbitration,
+        w_th: float,
         accumulator: Accumulator,
         assist_stiffness: float,
         options: SessionOptions,
@@ -152,6 +154,7 @@ class Session:
         self.task = task
         self.learner = learner
         self.options = options
+        self.w_th = w_th
         self.stage = Stage.PRACTICE
         self.coverage = 0.0
         self.updates = 0
@@ -161,6 +164,7 @@ class Session:
         self._assist_compliance = task.scale[2] / assist_stiffness
         self._batches: deque[Batch] = deque()
         self._pending: BackgroundUpdate[LWR] | None = None
+        self._deepest = task.deepest
         self._walker: Walker | None = None
         self._time = 0.0
         self._covered_at: float | None = None
@@ -188,7 +192,7 @@ class Session:
         events = self._advance_stage()
         x, y, z = task.to_manipulator(measured.measured_x, measured.measured_y, measured.measured_z)
         contact = task.contact(x, y, z)
-        depth = task.surface_z - z
+        depth = task.surface_height - z
         y_robot, w_max = self.learner.query(x, y)
         C = self._control_factor(y_robot, w_max)
         if (C > 0.5) != (self._C > 0.5):
@@ -198,7 +202,7 @@ class Session:
         y_demo = max(0.0, depth)
         if C < 1.0:
             y_demo = max(0.0, depth - measured.force_z * self._assist_compliance)
-        y_robot = min(max(y_robot, 0.0), task.depth_max)
+        y_robot = min(max(y_robot, 0.0), self._deepest)
         y_cmd = blend(C, y_demo, y_robot)
         recorded = self._accumulate(C, x, y, depth)
         update = self._learn()
@@ -259,7 +263,8 @@ class Session:
     def _accumulate(self, C: float, x: float, y: float, depth: float) -> bool:
         if self.stage is not Stage.TEACHING or C != 1.0:
             return False
-        if not (self.options.record_without_contact or depth > 0.0) or self.task.object_at(x, y) < 0:
+        half_x, half_y = self.task.half
+        if abs(x) > half_x or abs(y) > half_y or not (self.options.record_without_contact or depth > 0.0):
             return False
         batch = self._accumulator.add((x, y), max(0.0, depth), C)
         if batch is not None:
@@ -279,7 +284,7 @@ class Session:
         self._pending = None
         self.learner = learned
         self.updates += 1
-        self.coverage = coverage(learned, self.task, self._arbitration.w_th)
+        self.coverage = coverage(learned, self.task, self.w_th)
         if self._covered_at is None and self.coverage >= self.options.autonomy_coverage:
             self._covered_at = self._time
         return Update(self.updates, learned, self.coverage)
@@ -303,7 +308,7 @@ class Session:
             target_x, target_y = self._walker.step(dt)
             velocity_x, velocity_y = self._walker.velocity
             engage_xy = 1.0
-        hx, hy, hz = task.to_handle(target_x, target_y, task.surface_z - y_cmd)
+        hx, hy, hz = task.to_handle(target_x, target_y, task.surface_height - y_cmd)
         return SetPoint(
             self._sequence,
             assist,
@@ -324,7 +329,7 @@ class Session:
     def _autonomous_path(self, x: float, y: float) -> Walker:
         options = self.options
         walker = Walker((x, y), options.autonomous_speed, options.autonomous_acceleration)
-        half = self.task.size / 2.0
-        plane = Area(-half, half, -half, half)
+        half_x, half_y = self.task.half
+        plane = Area(-half_x, half_x, -half_y, half_y)
         walker.go(raster(plane, options.autonomous_spacing, options.autonomous_spacing / 2.0, start=(x, y)))
         return walker

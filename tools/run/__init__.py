@@ -1,0 +1,1 @@
+"""The composition of a session: options, real time, lock-step, and what is logged."""

@@ -1,0 +1,59 @@
+"""The simulated demonstrator, made for a task: what he knows from practice, and what he sees of the plane."""
+
+import numpy as np
+
+from teaching.hands.contract import Vector
+from teaching.hands.paths import Area
+from teaching.hands.simulated import DemonstratorOptions, SimulatedHand
+from teaching.task import Task
+
+FIRST_GUESS = 0.03
+"""Depth that a novice tries first [m]."""
+
+
+def practised_depths(task: Task, error: float, rng: np.random.Generator) -> list[float]:
+    """One depth for each colour, as learned by practising on it, with an error of its own.
+
+    Args:
+        task: The plane; its stiffness is what practice felt, and goes no further than this.
+        error: Standard deviation of the depths, relative.
+        rng: Randomness of the errors.
+
+    Returns:
+        Depths [m], in the order of the task's objects.
+    """
+    depths = []
+    for thing in task.objects:
+        inside = task.grid(40)
+        here = [k for k, (x, y) in enumerate(inside.tolist()) if task.objects[task.object_at(x, y)] is thing]
+        felt = float(np.mean(task.reference_force / task.stiffness_at(inside[here]))) if here else FIRST_GUESS
+        depths.append(felt * (1.0 + error * float(rng.standard_normal())))
+    return depths
+
+
+def build_demonstrator(
+    task: Task, options: DemonstratorOptions, rng: np.random.Generator, *, handle: Vector
+) -> SimulatedHand:
+    """The demonstrator of the paper's experiment.
+
+    Args:
+        task: The plane; he is handed its coloured areas, and depths only as practice gave them.
+        options: His manner.
+        rng: His randomness.
+        handle: Where the handle is now [m].
+    """
+    half_x, half_y = task.half
+    areas = [
+        Area(max(x0, -half_x), min(x1, half_x), max(y0, -half_y), min(y1, half_y))
+        for x0, y0, x1, y1 in (thing.box for thing in task.objects)
+    ]
+    return SimulatedHand(
+        areas=areas,
+        depths=practised_depths(task, options.practice_error, rng) if options.practised else [FIRST_GUESS],
+        reference_force=task.reference_force,
+        to_handle=task.to_handle,
+        surface_z=task.surface_height,
+        start=task.to_manipulator(*handle),
+        options=options,
+        rng=rng,
+    )
