@@ -194,6 +194,9 @@ class FixedMessage:
         self._template: list[object] = [part for tag, _ in self.layout for part in (tag, 0)]
         self.size = self._struct.size
 
+    def __reduce__(self) -> tuple[type["FixedMessage"], tuple[str, str, tuple[Field, ...]]]:
+        return FixedMessage, (self.name, self.doc, self.fields)
+
     def _layout(self) -> Iterable[tuple[bytes, str]]:
         axes = [wire.encode_tag(number, wire.FIXED64) for number in (1, 2, 3)]
         for number, field in enumerate(self.fields, start=1):

@@ -9,12 +9,15 @@ that. On others the interpreter's own work between two stores makes a reordering
 record whose header makes no sense raises.
 """
 
+import mmap
 import struct
 import time
 from enum import Enum
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 from hm_driver.errors import RecordingError
+
+Memory: TypeAlias = bytearray | memoryview | mmap.mmap
 
 HEADER_BYTES = 64
 RECORD_HEADER = struct.Struct("<IHHqQ")
@@ -71,7 +74,7 @@ class Ring:
     """
 
     def __init__(
-        self, buffer: bytearray | memoryview, *, when_full: WhenFull = WhenFull.DROP, patience_s: float = 30.0
+        self, buffer: Memory, *, when_full: WhenFull = WhenFull.DROP, patience_s: float = 30.0
     ) -> None:
         whole = memoryview(buffer).cast("B")
         self._words = whole[:HEADER_BYTES].cast("Q")
@@ -88,7 +91,7 @@ class Ring:
         self._sequences: dict[int, int] = {}
 
     @staticmethod
-    def format(buffer: bytearray | memoryview) -> None:
+    def format(buffer: Memory) -> None:
         """Make an empty ring of the whole buffer.
 
         Raises:

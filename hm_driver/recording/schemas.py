@@ -154,6 +154,9 @@ class Bundle:
         self._template = tags
         self._struct = struct.Struct("".join(codes))
 
+    def __reduce__(self) -> tuple[type["Bundle"], tuple[int, tuple[Channel, ...]]]:
+        return Bundle, (self.id, self.channels)
+
     def pack(self, *values: float) -> bytes:
         """Wire form of the values: those of the first message, then of the second, and so on."""
         parts = self._template[:]

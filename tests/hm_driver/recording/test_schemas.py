@@ -1,3 +1,4 @@
+import pickle
 import subprocess
 import sys
 
@@ -131,3 +132,10 @@ def test_the_loop_process_gets_schemas_and_ring_without_numpy_or_protobuf():
         "sys.exit(repr(heavy) if heavy else 0)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)  # noqa: S603 - our own interpreter and text
+
+
+def test_messages_and_bundles_can_be_handed_to_another_process():
+    copy = pickle.loads(pickle.dumps(LOOP_BUNDLE))  # noqa: S301 - our own bytes
+    values = [1] * 2 + [0.5] * 9 + [1] * 2 + [0.5] * 17 + [1] * 7 + [0.5]
+    assert copy.pack(*values) == LOOP_BUNDLE.pack(*values)
+    assert copy.slices == LOOP_BUNDLE.slices

@@ -1,0 +1,199 @@
+"""The recorder: a process of its own that drains rings into an MCAP file.
+
+It cannot disturb the loop, survives Ctrl-C, and ends by itself with a complete file when its parent is gone.
+"""
+
+import contextlib
+import multiprocessing
+import signal
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
+from pathlib import Path
+
+from hm_driver.errors import RecordingError
+from hm_driver.recording.recorder_main import (
+    RecorderJob,
+    RecorderOptions,
+    RecorderStatus,
+    RingSource,
+    run_recorder,
+)
+from hm_driver.recording.schemas import DEVICE_CHANNELS, LOOP_BUNDLE, Bundle, Channel
+from hm_driver.recording.writer import Attachment
+
+__all__ = ["RecorderOptions", "RecorderProcess", "RecorderStatus", "RingSource"]
+
+
+class RecorderProcess:
+    """A recorder, started and stopped by the session; a context manager.
+
+    Args:
+        path: The log; what follows a crash of the recorder gets ``.part2`` and so on before its suffix.
+        rings: Where the records come from.
+        channels: Every channel that may come.
+        bundles: Bundles that may come.
+        metadata: Records of metadata, by name: what is known at the start.
+        attachments: Files inside the log, such as the configuration.
+        options: How to write.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        rings: Sequence[RingSource],
+        channels: Sequence[Channel] = DEVICE_CHANNELS,
+        bundles: Sequence[Bundle] = (LOOP_BUNDLE,),
+        metadata: Mapping[str, Mapping[str, str]] | None = None,
+        attachments: Sequence[Attachment] = (),
+        options: RecorderOptions | None = None,
+    ) -> None:
+        self._job = RecorderJob(
+            path=Path(path),
+            rings=tuple(rings),
+            channels=tuple(channels),
+            bundles=tuple(bundles),
+            metadata={name: dict(values) for name, values in (metadata or {}).items()},
+            attachments=tuple(attachments),
+            options=options or RecorderOptions(),
+        )
+        self._parts = 0
+        self._process: SpawnProcess | None = None
+        self._link: Connection | None = None
+        self._status = RecorderStatus(path=self._job.path)
+        self._is_asked = False
+
+    @property
+    def pid(self) -> int | None:
+        """Process id, None before the start."""
+        return self._process.pid if self._process else None
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether the process runs."""
+        return self._process is not None and self._process.is_alive()
+
+    def start(self, timeout_s: float = 20.0) -> None:
+        """Start the process and wait until the file is open.
+
+        Raises:
+            RecordingError: if the file cannot be made, a ring not be opened, or the process does not come up.
+        """
+        if self._process is not None:
+            raise RecordingError("the recorder was started already")
+        self._launch(timeout_s)
+
+    def _launch(self, timeout_s: float) -> None:
+        self._parts += 1
+        path = self._job.path
+        if self._parts > 1:
+            path = path.with_suffix(f".part{self._parts}{path.suffix}")
+        job = replace(self._job, path=path, part=self._parts)
+        context = multiprocessing.get_context("spawn")
+        link, other = context.Pipe()
+        process = context.Process(target=run_recorder, args=(other, job), name="hm-recorder", daemon=True)
+        with _interrupts_blocked():
+            process.start()
+        other.close()
+        self._process, self._link, self._is_asked = process, link, False
+        self._status = RecorderStatus(path=path)
+        try:
+            answer = link.recv() if link.poll(timeout_s) else None
+        except EOFError:
+            answer = None
+        if not isinstance(answer, RecorderStatus) or answer.problem:
+            self.close()
+            reason = answer.problem if answer else f"it did not come up within {timeout_s:g} s"
+            raise RecordingError(f"the recorder could not start: {reason}")
+        self._status = answer
+
+    def status(self) -> RecorderStatus:
+        """The last that the recorder told; asks for news without waiting for them."""
+        if self._link is not None and self.is_alive:
+            with contextlib.suppress(OSError, EOFError):
+                while self._link.poll():
+                    self._status = self._link.recv()
+                    self._is_asked = False
+                if not self._is_asked:
+                    self._link.send("status")
+                    self._is_asked = True
+        return self._status
+
+    def restart_if_dead(self, timeout_s: float = 20.0) -> bool:
+        """Go on in a new part if the process died, with what the rings hold; returns whether it had died.
+
+        Raises:
+            RecordingError: if the new process does not come up.
+        """
+        if self._process is None or self._process.is_alive():
+            return False
+        self.close()
+        self._launch(timeout_s)
+        return True
+
+    def stop(self, timeout_s: float = 60.0) -> RecorderStatus:
+        """Have everything that is in the rings written and the file finished; returns the final count.
+
+        Raises:
+            RecordingError: if the process has died or does not end in time.
+        """
+        if self._process is None or self._link is None:
+            raise RecordingError("the recorder is not running")
+        try:
+            self._link.send("stop")
+            final = _receive_final(self._link, timeout_s)
+        except (OSError, EOFError) as error:
+            self._process.join(1.0)
+            code = self._process.exitcode
+            raise RecordingError(
+                f"the recorder died (exit code {code}); {self._status.path} is readable up to its last flush"
+            ) from error
+        finally:
+            self.close()
+        self._status = final
+        return final
+
+    def close(self) -> None:
+        """End the process whatever it does; idempotent. What it has not written is lost: `stop` first."""
+        if self._link is not None:
+            self._link.close()
+            self._link = None
+        if self._process is not None:
+            self._process.join(5.0)  # the closed pipe tells it to finish the file
+            if self._process.is_alive():
+                self._process.kill()
+                self._process.join()
+            self._process.close()
+            self._process = None
+
+    def __enter__(self) -> "RecorderProcess":
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+@contextlib.contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Ctrl-C must not reach a child before it ignores it: the child inherits the mask."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _receive_final(link: Connection, timeout_s: float) -> RecorderStatus:
+    deadline = time.monotonic() + timeout_s
+    while link.poll(max(0.0, deadline - time.monotonic())):
+        status: RecorderStatus = link.recv()
+        if status.is_final:
+            return status
+    raise RecordingError(f"the recorder did not finish its file within {timeout_s:g} s")
