@@ -1,0 +1,145 @@
+"""The modes' and limits' options, and the flat parameters that the cycle reads."""
+
+import math
+from dataclasses import dataclass
+
+from hm_driver.errors import ConfigurationError
+from hm_driver.geometry import ArmGeometry
+from hm_driver.realtime import cycle
+
+
+def _require_positive(options: object, names: tuple[str, ...]) -> None:
+    for name in names:
+        value = getattr(options, name)
+        if not (math.isfinite(value) and value > 0.0):
+            raise ConfigurationError(name, f"{value} must be a finite number above 0")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModeOptions:
+    """Admittance and position mode."""
+
+    inertia: float = 3.0
+    """Virtual mass that the hand moves [kg]; the device takes 2 kg at least."""
+    coulomb_friction: float = 0.0
+    """Virtual Coulomb friction [N]."""
+    position_stiffness: float = 5000.0
+    """Of the springs of position mode [N/m]."""
+    position_damping_ratio: float = 1.0
+    """Of the springs of position mode, on the virtual mass."""
+    position_force_max: float = 30.0
+    """Largest force of a spring of position mode [N]."""
+    assist_stiffness: float = 300.0
+    """Of the spring that helps the hand to hold its own height [N/m]."""
+    assist_damping_ratio: float = 0.7
+    """Of that spring, on the virtual mass."""
+    assist_force_max: float = 10.0
+    """Largest force of that spring [N]."""
+    assist_time: float = 0.3
+    """Time constant of the low-pass by which that spring follows the hand's own height [s]."""
+    follow_time: float = 0.03
+    """Time constant by which a reference approaches its target [s]."""
+
+    def __post_init__(self) -> None:
+        _require_positive(
+            self,
+            (
+                "position_stiffness",
+                "position_damping_ratio",
+                "position_force_max",
+                "assist_stiffness",
+                "assist_damping_ratio",
+                "assist_force_max",
+                "assist_time",
+                "follow_time",
+            ),
+        )
+        if not 2.0 <= self.inertia <= 20.0:
+            raise ConfigurationError(
+                "inertia", f"{self.inertia} kg must be 2 to 20 kg; the device refuses less"
+            )
+        if not 0.0 <= self.coulomb_friction <= 10.0:
+            raise ConfigurationError("coulomb_friction", f"{self.coulomb_friction} N must be 0 to 10 N")
+
+    def damping(self, stiffness: float, ratio: float) -> float:
+        """Damping [N*s/m] that the device gives a spring [N/m] of a damping ratio on the virtual mass."""
+        return 2.0 * ratio * math.sqrt(stiffness * self.inertia)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LimitOptions:
+    """Limits below every mode."""
+
+    force_rate: float = 500.0
+    """Largest change of the commanded spring force [N/s]: 500 N/s is 0.5 N per ms. Of it, 70 % are the
+    position spring's and 30 % the assist's, so that both together keep it."""
+    bias_rate: float = 150.0
+    """Largest change of the bias force [N/s]."""
+    bias_max: float = 10.0
+    """Largest bias force per axis [N]."""
+    reference_speed: float = 0.3
+    """Largest speed of a reference [m/s]."""
+    velocity_r: float = 0.3
+    """Velocity limit of the radial arm [m/s]; a cycle within 2 % of it counts as saturated."""
+    velocity_phi: float = 0.7
+    """Velocity limit of the base rotation [rad/s]."""
+    velocity_z: float = 0.3
+    """Velocity limit of the vertical axis [m/s]."""
+    velocity_trip: float = 1.5
+    """Multiple of a joint's velocity limit at which the arm is stopped."""
+    force_trip: float = 80.0
+    """Force of the hand at which the arm is stopped [N]."""
+    workspace_margin: float = 0.005
+    """How far beyond an end stop a measured position may be before the arm is stopped [m], [rad]."""
+
+    def __post_init__(self) -> None:
+        _require_positive(self, ("force_rate", "bias_rate", "reference_speed", "force_trip"))
+        _require_positive(self, ("velocity_r", "velocity_phi", "velocity_z"))
+        if not self.velocity_trip > 1.0:
+            raise ConfigurationError("velocity_trip", f"{self.velocity_trip} must be above 1")
+        for name in ("bias_max", "workspace_margin"):
+            if not getattr(self, name) >= 0.0:
+                raise ConfigurationError(name, f"{getattr(self, name)} must not be negative")
+
+
+def cycle_parameters(
+    modes: ModeOptions, limits: LimitOptions, geometry: ArmGeometry, *, tick_s: float
+) -> list[float]:
+    """Flat parameters for `cycle.cycle`.
+
+    Args:
+        modes: Springs and virtual mass.
+        limits: Limits below them.
+        geometry: Reach of the arm.
+        tick_s: Time between two set-points of the application [s].
+    """
+    p = [0.0] * cycle.PARAMETER_SIZE
+    p[cycle.P_TICK] = tick_s
+    p[cycle.P_FORCE_RATE] = 0.7 * limits.force_rate
+    p[cycle.P_ASSIST_RATE] = 0.3 * limits.force_rate
+    p[cycle.P_SPEED_MAX] = limits.reference_speed
+    p[cycle.P_FOLLOW] = modes.follow_time
+    p[cycle.P_ASSIST_TIME] = modes.assist_time
+    position = modes.damping(modes.position_stiffness, modes.position_damping_ratio)
+    assist = modes.damping(modes.assist_stiffness, modes.assist_damping_ratio)
+    for spring in range(cycle.SPRINGS):
+        base = cycle.P_SPRING + spring * cycle.P_STRIDE
+        p[base : base + cycle.P_STRIDE] = (
+            (modes.assist_stiffness, assist, modes.assist_force_max)
+            if spring == cycle.ASSIST
+            else (modes.position_stiffness, position, modes.position_force_max)
+        )
+    p[cycle.P_BIAS_MAX] = limits.bias_max
+    p[cycle.P_BIAS_RATE] = limits.bias_rate
+    p[cycle.P_R0] = geometry.r0
+    for joint, (_, _, low, high) in enumerate(geometry.joint_limits()):
+        p[cycle.P_JOINT + 2 * joint] = low - limits.workspace_margin
+        p[cycle.P_JOINT + 2 * joint + 1] = high + limits.workspace_margin
+    p[cycle.P_JOINT_SPEED : cycle.P_JOINT_SPEED + 3] = (
+        limits.velocity_r,
+        limits.velocity_phi,
+        limits.velocity_z,
+    )
+    p[cycle.P_SPEED_TRIP] = limits.velocity_trip
+    p[cycle.P_FORCE_TRIP] = limits.force_trip
+    return p
