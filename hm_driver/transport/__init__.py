@@ -1,0 +1,1 @@
+"""Links that carry bytes: one contract, opened by URL."""
