@@ -38,7 +38,7 @@ def to_toml(value: "DataclassInstance", *, comments: Mapping[str, str] | None = 
 
 
 def field_docs(cls: "type[DataclassInstance]") -> dict[str, str]:
-    """First line of the docstring under each field of a dataclass; empty where the source is not at hand."""
+    """First paragraph under each field of a dataclass, on one line; empty where the source is not at hand."""
     try:
         tree = ast.parse(textwrap.dedent(inspect.getsource(cls)))
     except (OSError, TypeError, SyntaxError):
@@ -53,7 +53,7 @@ def field_docs(cls: "type[DataclassInstance]") -> dict[str, str]:
             and isinstance(following.value, ast.Constant)
             and isinstance(following.value.value, str)
         ):
-            docs[statement.target.id] = inspect.cleandoc(following.value.value).splitlines()[0]
+            docs[statement.target.id] = " ".join(following.value.value.partition("\n\n")[0].split())
     return docs
 
 

@@ -1,0 +1,1 @@
+"""The ``hm`` command line."""
