@@ -1,0 +1,76 @@
+"""Compile a kernel, and get its plain-Python twin back.
+
+A kernel is a scalar function of floats and flat arrays in plain Python. :func:`kernel` compiles it with
+numba and keeps the machine code on disk. numba looks only at the file that holds a function when it decides
+whether stored code is still good, so an edit of a function that is *called* would go unnoticed; the
+decorator therefore puts a digest of the kernel, of all kernels it calls and of the constants it reads into
+the name under which the code is stored.
+"""
+
+import hashlib
+import sys
+from collections.abc import Callable
+from types import FunctionType, ModuleType
+from typing import Any, Protocol, TypeVar, cast
+
+from numba import njit
+from numba.core.registry import CPUDispatcher
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+class Numbers(Protocol):
+    """Flat array of floats; a list will do for plain Python."""
+
+    def __getitem__(self, index: int, /) -> float: ...
+
+    def __setitem__(self, index: int, value: float, /) -> None: ...
+
+
+class Indices(Protocol):
+    """Flat array of integers."""
+
+    def __getitem__(self, index: int, /) -> int: ...
+
+
+def kernel(function: F) -> F:
+    """Compile a function at its first call; what is stored is found again only while nothing changed."""
+    digest = hashlib.sha256()
+    code = function.__code__
+    digest.update(f"{sys.version_info[:2]}{code.co_code!r}{code.co_consts!r}{code.co_names!r}".encode())
+    for name in code.co_names:
+        digest.update(_describe(function.__globals__.get(name)).encode())
+    stamp = digest.hexdigest()[:12]
+    function.__qualname__ = f"{function.__qualname__}_{stamp}"
+    return cast("F", njit(cache=True)(function))
+
+
+def interpreted(compiled: Callable[..., Any]) -> Callable[..., Any]:
+    """The plain-Python version of a kernel, in which all the kernels it calls are plain as well."""
+    return _Interpreter().plain(compiled)
+
+
+def _describe(value: object) -> str:
+    if isinstance(value, CPUDispatcher):
+        return str(value.py_func.__qualname__)
+    if isinstance(value, ModuleType) and value.__name__.split(".")[0] == __name__.split(".")[0]:
+        return repr(sorted((k, v) for k, v in vars(value).items() if isinstance(v, (int, float))))
+    return repr(value) if isinstance(value, (int, float, str, tuple)) else ""
+
+
+class _Interpreter:
+    """Rebuilds kernels on name spaces in which each kernel is replaced by its plain function."""
+
+    def __init__(self) -> None:
+        self._done: dict[int, Callable[..., Any]] = {}
+
+    def plain(self, compiled: Callable[..., Any]) -> Callable[..., Any]:
+        if id(compiled) not in self._done:
+            source = cast("CPUDispatcher", compiled).py_func
+            names = dict(source.__globals__)
+            twin = FunctionType(source.__code__, names, source.__name__, source.__defaults__)
+            self._done[id(compiled)] = twin
+            for name in source.__code__.co_names:
+                if isinstance(names.get(name), CPUDispatcher):
+                    names[name] = self.plain(names[name])
+        return self._done[id(compiled)]
