@@ -1,0 +1,96 @@
+"""Who is in control: eqs. (8) and (9) of the paper."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+from hm_driver.errors import ConfigurationError
+
+
+class Query(NamedTuple):
+    """What the learner says at the manipulator's present position."""
+
+    y_robot: float
+    """Prediction of eq. (1)."""
+    w_max: float
+    """Largest activation."""
+
+
+class Arbitration(Protocol):
+    """Decides the share of the human.
+
+    An implementer is pure or keeps only what it is given: no clock, no random state. The factor is between
+    0 and 1, finite, and exactly 1 where the human alone is in control, because only then is learned.
+    """
+
+    @property
+    def w_th(self) -> float:
+        """Activation from which a spot counts as covered by a model."""
+        ...
+
+    def factor(self, query: Query) -> float:
+        """Control factor C: 1 gives the human control, 0 the learned skill."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class ExistenceArbitration:
+    """Control goes to the skill wherever a local model exists: eq. (9).
+
+    Raises:
+        ConfigurationError: The blend zone does not lie between 0 and 1.
+    """
+
+    w_th: float = 0.5
+    """Activation in the middle of the switch."""
+    d: float = 0.05
+    """Width of the switch in activation."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.w_th < 1.0:
+            raise ConfigurationError("w_th", f"{self.w_th:g} must be above 0 and below 1")
+        if not 0.0 <= self.d < 2.0 * min(self.w_th, 1.0 - self.w_th):
+            limit = 2.0 * min(self.w_th, 1.0 - self.w_th)
+            raise ConfigurationError(
+                "d",
+                f"{self.d:g} must be at least 0 and below {limit:g}: w_th -+ d/2 must lie within 0 to 1",
+            )
+
+    def factor(self, query: Query) -> float:
+        """Control factor C of eq. (9)."""
+        return control_factor(query.w_max, w_th=self.w_th, d=self.d)
+
+
+def control_factor(w_max: float, *, w_th: float, d: float) -> float:
+    """Control factor C of eq. (9): exactly 1 below w_th - d/2, exactly 0 from w_th + d/2, a cosine between.
+
+    For d = 0 it is the switch that eq. (9) tends to: 1 below w_th and 0 from there.
+    """
+    low = w_th - 0.5 * d
+    if w_max < low:
+        return 1.0
+    if w_max >= w_th + 0.5 * d:
+        return 0.0
+    return 0.5 * (1.0 + math.cos(math.pi * (w_max - low) / d))
+
+
+def blend(C: float, y_demo: float, y_robot: float) -> float:
+    """Command y_cmd of eq. (8)."""
+    return C * y_demo + (1.0 - C) * y_robot
+
+
+def check_thresholds(*, w_th: float, d: float, w_gen: float) -> list[str]:
+    """Say which thresholds of arbitration and learner contradict each other, and the consequence."""
+    said = []
+    if w_th > w_gen:
+        said.append(
+            f"w_th = {w_th:g} is above w_gen = {w_gen:g}: where the activation is between them the human "
+            "keeps control, but no model is made there, so that teaching on does not hand over; "
+            "choose w_th <= w_gen"
+        )
+    elif w_th + 0.5 * d > w_gen:
+        said.append(
+            f"w_th + d/2 = {w_th + 0.5 * d:g} is above w_gen = {w_gen:g}: where models are as far apart "
+            "as generation allows, control is never the robot's alone; choose w_th + d/2 <= w_gen"
+        )
+    return said

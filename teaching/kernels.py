@@ -1,0 +1,458 @@
+"""Compiled kernels of the local learners: activation, prediction and recursive update.
+
+All models of a learner live in one table of shape (rows, capacity), a structure of arrays: row by row
+the components of the centres, the upper triangles of D, the parameters M, the upper triangles of P and
+the books (see :class:`Layout`). The columns are kept sorted by the first component of the centre, so that
+the models near a point are a window found by bisection, and cost grows with the models in the window.
+A weight below the cut-off is recognised by its exponent before any exponential is taken.
+
+The kernels hold no state of their own, release the global interpreter lock and use strict IEEE
+arithmetic: the same input gives the same bits. They may be called from other compiled code.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+# state vector: what changes with learning, and the two numbers that a query needs
+N_MODELS: Final = 0
+N_ADDED: Final = 1
+N_PRUNED: Final = 2
+N_SAMPLES: Final = 3
+REACH: Final = 4
+Q_CUT: Final = 5
+STATE_SIZE: Final = 6
+
+# parameter vector: what a user chooses; the upper triangle of the initial D follows
+W_GEN: Final = 0
+W_PRUNE: Final = 1
+LAM: Final = 2
+P0: Final = 3
+PRUNE: Final = 4
+SIZE0: Final = 5
+D0: Final = 6
+
+PRUNE_NEVER: Final = 0
+PRUNE_OVERLAP: Final = 1
+PRUNE_PAPER: Final = 2
+
+# books, counted from the first row behind P
+SAMPLES: Final = 0
+BORN: Final = 1
+SIZE: Final = 2
+WEIGHT: Final = 3
+SQUARES: Final = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Rows of the table for n_inputs inputs and n_outputs outputs."""
+
+    n_inputs: int
+    n_outputs: int
+
+    @property
+    def metric(self) -> int:
+        """First row of the upper triangle of D."""
+        return self.n_inputs
+
+    @property
+    def parameters(self) -> int:
+        """First row of M, shape (n_inputs + 1, n_outputs), the constant last."""
+        return self.metric + self.n_inputs * (self.n_inputs + 1) // 2
+
+    @property
+    def covariance(self) -> int:
+        """First row of the upper triangle of P."""
+        return self.parameters + (self.n_inputs + 1) * self.n_outputs
+
+    @property
+    def books(self) -> int:
+        """First row of the books: samples, birth, trace of D^-1, sum of weights, squared errors."""
+        return self.covariance + (self.n_inputs + 1) * (self.n_inputs + 2) // 2
+
+    @property
+    def rows(self) -> int:
+        """Number of rows of the table."""
+        return self.books + SQUARES + self.n_outputs
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def window(table: FloatArray, n: int, centre: float, extent: float) -> tuple[int, int]:
+    """Columns [low, high) whose first centre component is within extent of centre."""
+    low, high = 0, n
+    value = centre - extent
+    while low < high:
+        middle = (low + high) >> 1
+        if table[0, middle] < value:
+            low = middle + 1
+        else:
+            high = middle
+    first = low
+    high = n
+    value = centre + extent
+    while low < high:
+        middle = (low + high) >> 1
+        if table[0, middle] <= value:
+            low = middle + 1
+        else:
+            high = middle
+    return first, low
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def exponent(table: FloatArray, d: int, i: int, X: FloatArray, k: int) -> float:
+    """Twice the negative exponent of eq. (2) for model i and row k of X, shape (n, d)."""
+    q = 0.0
+    row = d
+    for j in range(d):
+        dj = X[k, j] - table[j, i]
+        s = table[row, i] * dj
+        row += 1
+        for l in range(j + 1, d):  # noqa: E741 - the letter that follows k
+            s += 2.0 * table[row, i] * (X[k, l] - table[l, i])
+            row += 1
+        q += s * dj
+    return q
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def nearest(table: FloatArray, state: FloatArray, d: int, X: FloatArray, k: int) -> tuple[float, int, int]:
+    """Smallest exponent q and the window of the models that count for a prediction at X[k].
+
+    A model counts where its weight is at least the cut-off times the largest weight, so that a
+    prediction exists however far the point is from every model.
+    """
+    n = int(state[N_MODELS])
+    q_cut, reach = state[Q_CUT], state[REACH]
+    low, high = window(table, n, X[k, 0], math.sqrt(q_cut) * reach)
+    q_min = math.inf
+    for i in range(low, high):
+        q_min = min(q_min, exponent(table, d, i, X, k))
+    if q_min <= q_cut:
+        low, high = window(table, n, X[k, 0], math.sqrt(q_min + q_cut) * reach)
+        return q_min, low, high
+    for i in range(n):
+        q_min = min(q_min, exponent(table, d, i, X, k))
+    return q_min, 0, n
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def query_2d(table: FloatArray, state: FloatArray, x0: float, x1: float) -> tuple[float, float]:
+    """Prediction of eq. (1) and w_max at (x0, x1), for two inputs and one output."""
+    n = int(state[N_MODELS])
+    q_cut, reach = state[Q_CUT], state[REACH]
+    low, high = window(table, n, x0, math.sqrt(q_cut) * reach)
+    q_min = math.inf
+    for i in range(low, high):
+        a, b = x0 - table[0, i], x1 - table[1, i]
+        q = a * (table[2, i] * a + 2.0 * table[3, i] * b) + table[4, i] * b * b
+        if q < q_min:
+            q_min = q
+    if q_min <= q_cut:
+        low, high = window(table, n, x0, math.sqrt(q_min + q_cut) * reach)
+    else:
+        low, high = 0, n
+        for i in range(n):
+            a, b = x0 - table[0, i], x1 - table[1, i]
+            q = a * (table[2, i] * a + 2.0 * table[3, i] * b) + table[4, i] * b * b
+            if q < q_min:
+                q_min = q
+        if q_min == math.inf:
+            return 0.0, 0.0
+    limit = q_min + q_cut
+    total = 0.0
+    weights = 0.0
+    for i in range(low, high):
+        a, b = x0 - table[0, i], x1 - table[1, i]
+        q = a * (table[2, i] * a + 2.0 * table[3, i] * b) + table[4, i] * b * b
+        if q <= limit:
+            w = math.exp(0.5 * (q_min - q))
+            weights += w
+            total += w * (table[5, i] * a + table[6, i] * b + table[7, i])
+    return total / weights, math.exp(-0.5 * q_min)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def predict(table: FloatArray, state: FloatArray, X: FloatArray, Y: FloatArray, w_max: FloatArray) -> None:
+    """Fill Y, shape (n, m), with eq. (1) and w_max, shape (n,), for X, shape (n, d)."""
+    d, m = X.shape[1], Y.shape[1]
+    if d == 2 and m == 1:
+        for k in range(X.shape[0]):
+            Y[k, 0], w_max[k] = query_2d(table, state, X[k, 0], X[k, 1])
+        return
+    parameters = d + d * (d + 1) // 2
+    for k in range(X.shape[0]):
+        q_min, low, high = nearest(table, state, d, X, k)
+        for o in range(m):
+            Y[k, o] = 0.0
+        w_max[k] = math.exp(-0.5 * q_min)
+        if q_min == math.inf:
+            continue
+        limit = q_min + state[Q_CUT]
+        weights = 0.0
+        for i in range(low, high):
+            q = exponent(table, d, i, X, k)
+            if q <= limit:
+                w = math.exp(0.5 * (q_min - q))
+                weights += w
+                for o in range(m):
+                    y = table[parameters + d * m + o, i]
+                    for j in range(d):
+                        y += table[parameters + j * m + o, i] * (X[k, j] - table[j, i])
+                    Y[k, o] += w * y
+        for o in range(m):
+            Y[k, o] /= weights
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def activations(table: FloatArray, state: FloatArray, X: FloatArray, W: FloatArray) -> None:
+    """Fill W, shape (n, N), with eq. (2) for X, shape (n, d); no cut-off."""
+    for k in range(X.shape[0]):
+        for i in range(int(state[N_MODELS])):
+            W[k, i] = math.exp(-0.5 * exponent(table, X.shape[1], i, X, k))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def count_active(table: FloatArray, state: FloatArray, X: FloatArray, q_limit: float) -> int:
+    """Number of rows of X, shape (n, d), where some model's exponent is at most q_limit."""
+    extent = math.sqrt(q_limit) * state[REACH]
+    count = 0
+    for k in range(X.shape[0]):
+        low, high = window(table, int(state[N_MODELS]), X[k, 0], extent)
+        for i in range(low, high):
+            if exponent(table, X.shape[1], i, X, k) <= q_limit:
+                count += 1
+                break
+    return count
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def insert(table: FloatArray, state: FloatArray, params: FloatArray, X: FloatArray, k: int, m: int) -> int:
+    """Put a new model with centre X[k], M = 0 and P = P0 I into its sorted place; the table has room."""
+    d = X.shape[1]
+    n = int(state[N_MODELS])
+    _, place = window(table, n, X[k, 0], 0.0)
+    for row in range(table.shape[0]):
+        for i in range(n, place, -1):
+            table[row, i] = table[row, i - 1]
+        table[row, place] = 0.0
+    for j in range(d):
+        table[j, place] = X[k, j]
+    row = d
+    for j in range(d * (d + 1) // 2):
+        table[row, place] = params[D0 + j]
+        row += 1
+    row += (d + 1) * m
+    for j in range(d + 1):
+        table[row, place] = params[P0]
+        row += d + 1 - j
+    table[row + BORN, place] = state[N_SAMPLES]
+    table[row + SIZE, place] = params[SIZE0]
+    state[N_MODELS] += 1.0
+    state[N_ADDED] += 1.0
+    return place
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def remove(table: FloatArray, state: FloatArray, i: int) -> None:
+    """Take model i out of the table; the others keep their order."""
+    n = int(state[N_MODELS])
+    for row in range(table.shape[0]):
+        for c in range(i, n - 1):
+            table[row, c] = table[row, c + 1]
+    state[N_MODELS] -= 1.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def learn(
+    table: FloatArray,
+    params: FloatArray,
+    i: int,
+    w: float,
+    Y: FloatArray,
+    k: int,
+    z: FloatArray,
+    g: FloatArray,
+) -> None:
+    """Recursive least squares of model i, eqs. (5) to (7), for the sample z = [x - c, 1], Y[k].
+
+    With lam < 1 the prior's information I / P0 leaks back in at the rate at which it is forgotten, one
+    axis a sample: P stays below about P0 for ever, and M is not pulled anywhere.
+    """
+    n1, m = z.shape[0], Y.shape[1]
+    d = n1 - 1
+    lam = params[LAM]
+    parameters = d + d * n1 // 2
+    covariance = parameters + n1 * m
+    books = covariance + n1 * (n1 + 1) // 2
+    for j in range(n1):
+        g[j] = 0.0
+    row = covariance
+    for j in range(n1):
+        g[j] += table[row, i] * z[j]
+        row += 1
+        for c in range(j + 1, n1):
+            p = table[row, i]
+            g[j] += p * z[c]
+            g[c] += p * z[j]
+            row += 1
+    s = lam / w
+    for j in range(n1):
+        s += z[j] * g[j]
+    s = 1.0 / s
+    determined = table[books + SAMPLES, i] >= n1
+    for o in range(m):
+        e = Y[k, o]
+        for j in range(n1):
+            e -= table[parameters + j * m + o, i] * z[j]
+        if determined:
+            table[books + SQUARES + o, i] = lam * table[books + SQUARES + o, i] + w * e * e
+        e *= s
+        for j in range(n1):
+            table[parameters + j * m + o, i] += g[j] * e
+    if determined:
+        table[books + WEIGHT, i] = lam * table[books + WEIGHT, i] + w
+    row = covariance
+    scale = 1.0 / lam
+    for j in range(n1):
+        sg = s * g[j]
+        for c in range(j, n1):
+            table[row, i] = (table[row, i] - sg * g[c]) * scale
+            row += 1
+    if lam < 1.0:
+        retain(
+            table, covariance, i, n1, int(table[books + SAMPLES, i]) % n1, (1.0 - lam) * n1 / params[P0], g
+        )
+    table[books + SAMPLES, i] += 1.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def retain(
+    table: FloatArray, covariance: int, i: int, n1: int, axis: int, information: float, g: FloatArray
+) -> None:
+    """Add information along one axis to P^-1 of model i; g is scratch of shape (n1,)."""
+    row = covariance
+    for j in range(n1):
+        for c in range(j, n1):
+            if j == axis:
+                g[c] = table[row, i]
+            elif c == axis:
+                g[j] = table[row, i]
+            row += 1
+    s = information / (1.0 + information * g[axis])
+    row = covariance
+    for j in range(n1):
+        for c in range(j, n1):
+            table[row, i] -= s * g[j] * g[c]
+            row += 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def separation(table: FloatArray, d: int, i: int, centre: int) -> float:
+    """Exponent q of model i at the centre of another model."""
+    q = 0.0
+    row = d
+    for j in range(d):
+        dj = table[j, centre] - table[j, i]
+        s = table[row, i] * dj
+        row += 1
+        for c in range(j + 1, d):
+            s += 2.0 * table[row, i] * (table[c, centre] - table[c, i])
+            row += 1
+        q += s * dj
+    return q
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def superfluous(table: FloatArray, d: int, m: int, i: int, j: int) -> int:
+    """Which of two models goes: the larger trace of D^-1, then of P, then the newer."""
+    covariance = d + d * (d + 1) // 2 + (d + 1) * m
+    books = covariance + (d + 1) * (d + 2) // 2
+    difference = table[books + SIZE, i] - table[books + SIZE, j]
+    if difference == 0.0:
+        row = covariance
+        for c in range(d + 1):
+            difference += table[row, i] - table[row, j]
+            row += d + 1 - c
+    if difference == 0.0:
+        difference = table[books + BORN, i] - table[books + BORN, j]
+    return i if difference > 0.0 else j
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def update(
+    table: FloatArray, state: FloatArray, params: FloatArray, X: FloatArray, Y: FloatArray, start: int
+) -> int:
+    """Learn the samples X[start:], Y[start:] one after the other, shapes (n, d) and (n, m).
+
+    Returns the number of samples learned of all, less than n where the table is full (make room and call
+    again), and -1 - k where sample k is not finite; it and what follows are not learned.
+    """
+    d, m = X.shape[1], Y.shape[1]
+    z, g = np.empty(d + 1), np.empty(d + 1)
+    z[d] = 1.0
+    q_cut = state[Q_CUT]
+    extent = math.sqrt(q_cut) * state[REACH]
+    q_prune = -2.0 * math.log(params[W_PRUNE])
+    for k in range(start, X.shape[0]):
+        n = int(state[N_MODELS])
+        if n >= table.shape[1]:
+            return k
+        for j in range(d):
+            if not math.isfinite(X[k, j]):
+                return -1 - k
+        for o in range(m):
+            if not math.isfinite(Y[k, o]):
+                return -1 - k
+        low, high = window(table, n, X[k, 0], extent)
+        q1, q2 = math.inf, math.inf
+        first, second = -1, -1
+        for i in range(low, high):
+            q = exponent(table, d, i, X, k)
+            if q >= q_cut:
+                continue
+            if q < q1:
+                q2, second = q1, first
+                q1, first = q, i
+            elif q < q2:
+                q2, second = q, i
+            for j in range(d):
+                z[j] = X[k, j] - table[j, i]
+            learn(table, params, i, math.exp(-0.5 * q), Y, k, z, g)
+        if math.exp(-0.5 * q1) <= params[W_GEN]:
+            place = insert(table, state, params, X, k, m)
+            for j in range(d):
+                z[j] = 0.0
+            learn(table, params, place, 1.0, Y, k, z, g)
+        elif params[PRUNE] != PRUNE_NEVER and q2 < q_prune:
+            near = min(separation(table, d, first, second), separation(table, d, second, first))
+            if params[PRUNE] == PRUNE_PAPER or near < q_prune:
+                remove(table, state, superfluous(table, d, m, first, second))
+                state[N_PRUNED] += 1.0
+        state[N_SAMPLES] += 1.0
+    done: int = X.shape[0]
+    return done
+
+
+def warm_up() -> None:
+    """Compile every kernel or load it from the cache: before a loop starts, never inside it."""
+    for d, m in ((2, 1), (1, 2)):
+        layout = Layout(d, m)
+        table = np.zeros((layout.rows, 8))
+        state = np.zeros(STATE_SIZE)
+        state[REACH], state[Q_CUT] = 0.05, 13.8
+        params = np.array([0.8, 0.9, 0.99, 1e6, PRUNE_PAPER, 0.005, *np.full(d * (d + 1) // 2, 400.0)])
+        X, Y = np.zeros((2, d)), np.zeros((2, m))
+        update(table, state, params, X, Y, 0)
+        predict(table, state, X, Y, np.zeros(2))
+        activations(table, state, X, np.zeros((2, 1)))
+        count_active(table, state, X, 1.0)
+    remove(table, state, 0)
+    query_2d(table, state, 0.0, 0.0)

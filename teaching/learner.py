@@ -1,0 +1,97 @@
+"""What a local learner is: the contract that a session, an arbitration and a report rely on."""
+
+from typing import NamedTuple, Protocol, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+class ModelSet(NamedTuple):
+    """The local models of a learner, oldest first; copies, which nobody else changes."""
+
+    centres: FloatArray
+    """Centres c, shape (N, d)."""
+    D: FloatArray
+    """Distance metrics, shape (N, d, d)."""
+    M: FloatArray
+    """Parameters of the linear models, the constant last, shape (N, d + 1, m)."""
+    P: FloatArray
+    """Covariances of the recursive least squares, shape (N, d + 1, d + 1)."""
+    samples: NDArray[np.int64]
+    """Number of samples that each model has learned, shape (N,)."""
+    born: NDArray[np.int64]
+    """Number of samples that the learner had seen before it made the model, shape (N,)."""
+
+
+class Learner(Protocol):
+    """An incremental regression made of local models.
+
+    An implementer has no clock, file, thread or random state: the same samples in the same order give the
+    same bits. A sample that is not finite is refused before anything is learned from it. One learner
+    is used from one thread at a time.
+    """
+
+    @property
+    def n_inputs(self) -> int:
+        """Number of inputs d."""
+        ...
+
+    @property
+    def n_outputs(self) -> int:
+        """Number of outputs m."""
+        ...
+
+    @property
+    def n_models(self) -> int:
+        """Number of local models N that there are now."""
+        ...
+
+    @property
+    def n_added(self) -> int:
+        """Number of models ever made."""
+        ...
+
+    @property
+    def n_pruned(self) -> int:
+        """Number of models that pruning has removed."""
+        ...
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples learned."""
+        ...
+
+    @property
+    def models(self) -> ModelSet:
+        """The local models, oldest first."""
+        ...
+
+    def update(self, x: ArrayLike, y: ArrayLike) -> None:
+        """Learn one sample, shapes (d,) and (m,); numbers where d or m is 1."""
+        ...
+
+    def partial_fit(self, X: ArrayLike, Y: ArrayLike) -> Self:
+        """Learn samples in the order given, shapes (n, d) and (n, m); all of them or, if refused, none."""
+        ...
+
+    def predict(self, X: ArrayLike) -> FloatArray:
+        """Outputs, shape (n, m), at inputs of shape (n, d); 0 where there is no model at all."""
+        ...
+
+    def w_max(self, X: ArrayLike) -> FloatArray:
+        """Largest activation, shape (n,), at inputs of shape (n, d); 0 where there is no model at all."""
+        ...
+
+    def share_active(self, X: ArrayLike, w: float) -> float:
+        """Share of inputs of shape (n, d) with an activation of at least w; cheaper than :meth:`w_max`."""
+        ...
+
+    def query(self, x0: float, x1: float) -> tuple[float, float]:
+        """Prediction and largest activation at one point, for two inputs and one output."""
+        ...
+
+    def copy(self) -> Self:
+        """A learner of the same state that shares nothing with this one."""
+        ...
