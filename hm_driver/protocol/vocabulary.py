@@ -85,15 +85,26 @@ class Parameter:
         Raises:
             ProtocolError: Wrong form or out of range; the text names what would be accepted.
         """
-        if self.kind is Kind.NUMBER:
-            if isinstance(value, (bool, str, tuple)):
-                raise self._refusal(value, "is no number")
-            if not self.low <= value <= self.high:
-                raise self._refusal(value, "is out of range")
-            return value
+        checked = self.check_form(value)
+        if self.kind is Kind.NUMBER or self.kind is Kind.VECTOR:
+            for component in checked if isinstance(checked, tuple) else (checked,):
+                if not self.low <= float(component) <= self.high:
+                    raise self._refusal(value, "is out of range")
+        return checked
+
+    def check_form(self, value: Value) -> Value:
+        """As `check`, without the range, which is the device's to judge.
+
+        Raises:
+            ProtocolError: Wrong form.
+        """
         if self.kind is Kind.BOOL or self.kind is Kind.WORD:
             return self._check_word(value)
-        return self._check_components(value)
+        if self.kind is not Kind.NUMBER:
+            return self._check_components(value)
+        if isinstance(value, (bool, str, tuple)) or not math.isfinite(value):
+            raise self._refusal(value, "is no finite number")
+        return value
 
     def expected(self) -> str:
         """Say what is accepted: form, range and unit."""
@@ -115,14 +126,14 @@ class Parameter:
         size = 4 if self.kind is Kind.QUATERNION else 3
         if not isinstance(value, tuple) or len(value) != size:
             raise self._refusal(value, f"has not {size} components")
+        if not all(math.isfinite(component) for component in value):
+            raise self._refusal(value, "is not finite")
         if self.kind is Kind.VECTOR:
-            if not all(self.low <= component <= self.high for component in value):
-                raise self._refusal(value, "is out of range")
             return value
         length = math.hypot(*value)
         if length < 1e-9 and self.zero_allowed:
             return value
-        if not 1e-9 <= length < math.inf:
+        if not 1e-9 <= length < 1e150:
             raise self._refusal(value, "has no direction")
         x, y, z = (component / length for component in value[:3])
         return (x, y, z) if len(value) == 3 else (x, y, z, value[3] / length)

@@ -81,7 +81,7 @@ def test_a_connection_that_nobody_accepts_times_out():
         port = listener.getsockname()[1]
         waiting = [socket.socket() for _ in range(8)]
         for client in waiting:
-            client.setblocking(False)
+            client.settimeout(0.0)
             client.connect_ex(("127.0.0.1", port))
         with pytest.raises(TransportTimeout, match="within"):
             open_transport(f"tcp://127.0.0.1:{port}", timeout_s=0.2)

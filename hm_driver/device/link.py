@@ -1,0 +1,264 @@
+"""One command out, one reply back, over any transport and in either dialect."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Sequence
+
+from hm_driver.errors import DeviceError, ProtocolError, TransportClosed, TransportError, TransportTimeout
+from hm_driver.protocol.framing import Dialect, ReplyDecoder, encode_request
+from hm_driver.protocol.replies import is_error, parse_number, parse_word, split_parts
+from hm_driver.protocol.vocabulary import ERROR_MARK
+from hm_driver.transport.contract import LinkStatistics, Transport
+from hm_driver.transport.urls import DeviceUrl, open_transport, parse_device_url
+
+_log = logging.getLogger(__name__)
+
+DETECTION_S = 1.0
+"""How long a device may take to answer the question that finds its dialect [s]."""
+
+LONGEST_REQUEST = 1000
+"""Characters that `CommandLink.exchange_many` puts into one request; the device's limit is not known."""
+
+
+class CommandLink:
+    """A connection with at most one command in flight.
+
+    Once a reply did not come in time, or what came was not one reply, the link is broken: what arrives later
+    could be taken for the reply to another command. It is closed, and every later exchange raises
+    `TransportClosed`, until `reconnect` is called. Threads that share a link wait for each other.
+
+    Args:
+        transport: An open transport; it belongs to the link from now on.
+        dialect: What the device speaks.
+        timeout_s: Longest wait for a reply [s]; can be changed at any time.
+        reopen: Opens another transport to the same device, for `reconnect`.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        dialect: Dialect,
+        *,
+        timeout_s: float = 1.0,
+        reopen: Callable[[], Transport] | None = None,
+    ) -> None:
+        self.dialect = dialect
+        self.timeout_s = timeout_s
+        self.combined = False
+        """Whether one request may hold several commands, as `probe_combined` found."""
+        self._reopen = reopen
+        self._transport = transport
+        self._decoder = ReplyDecoder(dialect)
+        self._in_flight = threading.Lock()
+        self._broken_by = ""
+
+    @property
+    def url(self) -> str:
+        """Where the link leads."""
+        return self._transport.url
+
+    @property
+    def is_broken(self) -> bool:
+        """Whether the link was closed, by `close` or by a failure."""
+        return bool(self._broken_by)
+
+    @property
+    def statistics(self) -> LinkStatistics:
+        """What went over the transport since it was opened."""
+        return self._transport.statistics
+
+    def exchange(self, request: str, *, timeout_s: float | None = None) -> str:
+        """Send a request and return the reply as it came, without line end or header.
+
+        Args:
+            request: One command, or several joined by ``;`` where the device takes that.
+            timeout_s: Longest wait for this reply, instead of the link's own [s].
+
+        Raises:
+            DeviceError: The device refused the command, or one of them.
+            ProtocolError: What came is not one reply; the link is broken.
+            TransportTimeout: No reply in time; the link is broken.
+            TransportClosed: The peer is gone, or the link was broken before.
+        """
+        with self._in_flight:
+            if self._broken_by:
+                raise TransportClosed(f"{self.url}: the link is closed ({self._broken_by}); reconnect")
+            data = encode_request(self.dialect, request)
+            try:
+                self._transport.send(data)
+                reply = self._receive_reply(self.timeout_s if timeout_s is None else timeout_s)
+            except (TransportError, ProtocolError) as error:
+                self._break(str(error))
+                raise
+            except BaseException:
+                self._break("an exchange was interrupted")
+                raise
+        if ERROR_MARK in reply:
+            raise DeviceError(*_find_refused(request, reply))
+        return reply
+
+    def exchange_joined(
+        self, request: str, expected_parts: int, *, timeout_s: float | None = None
+    ) -> list[str]:
+        """Send commands that the caller joined by ``"; "`` and return the parts of the reply.
+
+        The short way for a loop that joins its commands itself; text dialect only.
+
+        Raises:
+            ProtocolError: The reply has not `expected_parts` parts.
+            HapticMasterError: As `exchange`.
+        """
+        parts = split_parts(self.exchange(request, timeout_s=timeout_s))
+        if len(parts) != expected_parts:
+            raise ProtocolError(
+                f"{request[:80]!r} was answered by {len(parts)} parts instead of {expected_parts}",
+                received=";".join(parts),
+            )
+        return parts
+
+    def ask(self, command: str, *, timeout_s: float | None = None) -> str:
+        """Exchange one command and return the one part of its reply; raises as `exchange_joined`."""
+        if self.dialect is Dialect.TEXT:
+            return self.exchange_joined(command, 1, timeout_s=timeout_s)[0]
+        return self.exchange(command, timeout_s=timeout_s)
+
+    def exchange_many(self, commands: Sequence[str]) -> list[str]:
+        """Exchange several commands, in one request where the device takes that; raises as `exchange_joined`.
+
+        Where the device takes one command at a time, the first refused one ends the exchange.
+        """
+        if not self.combined or len(commands) < 2:
+            return [self.ask(command) for command in commands]
+        request = "; ".join(commands)
+        if len(request) <= LONGEST_REQUEST:
+            return self.exchange_joined(request, len(commands))
+        half = len(commands) // 2
+        return self.exchange_many(commands[:half]) + self.exchange_many(commands[half:])
+
+    def probe_combined(self) -> bool:
+        """Ask whether the device takes several commands, sets among them, in one request.
+
+        Published programs combine questions; whether a set combines is not known of the device. The set
+        that is tried sets the virtual mass to what it is. The answer is kept as `combined`.
+
+        Raises:
+            HapticMasterError: The device does not answer a single question either.
+        """
+        self.combined = False
+        if self.dialect is Dialect.TEXT:
+            inertia = self.ask("get inertia")
+            parse_number(inertia)
+            try:
+                mass, _, state = self.exchange_joined(f"get inertia; set inertia {inertia}; get state", 3)
+                self.combined = parse_number(mass) == parse_number(inertia) and parse_word(state).isalpha()
+            except (TransportTimeout, ProtocolError, DeviceError) as error:
+                _log.info("%s does not take several commands in one request: %s", self.url, error)
+                if self._reopen is not None:
+                    self.reconnect()  # nothing of the odd answer may be left on the way
+        _log.info("%s: commands are sent %s", self.url, "combined" if self.combined else "one by one")
+        return self.combined
+
+    def reconnect(self) -> None:
+        """Open the connection anew; nothing is sent again.
+
+        Raises:
+            TransportError: The device cannot be reached, or the link does not know how.
+        """
+        if self._reopen is None:
+            raise TransportError(f"{self.url}: this link cannot be opened anew; make another one")
+        self.close()
+        transport = self._reopen()
+        with self._in_flight:
+            self._transport = transport
+            self._decoder = ReplyDecoder(self.dialect)
+            self._broken_by = ""
+
+    def close(self) -> None:
+        """Close the link, from any thread; closing again does nothing."""
+        self._break("it was closed")
+
+    def _break(self, reason: str) -> None:
+        self._broken_by = self._broken_by or reason
+        self._transport.close()
+
+    def _receive_reply(self, timeout_s: float) -> str:
+        deadline = time.monotonic() + timeout_s
+        decoder = self._decoder
+        texts = decoder.feed(self._transport.receive(timeout_s))
+        while not texts:
+            remaining_s = deadline - time.monotonic()
+            if remaining_s <= 0.0:
+                raise TransportTimeout(f"{self.url}: the reply was not complete within {timeout_s:g} s")
+            texts = decoder.feed(self._transport.receive(remaining_s))
+        if len(texts) > 1 or not decoder.is_empty:
+            raise ProtocolError(f"{self.url}: more than one reply to one request", received=";".join(texts))
+        return texts[0]
+
+
+def connect_link(url: str, *, timeout_s: float = 1.0) -> CommandLink:
+    """Connect to a device and find out which dialect it speaks, by asking ``get state``.
+
+    Without ``?dialect=`` each dialect is tried on a connection of its own, text first: text that is sent to
+    a framed device reads as the announcement of 1.7 GB, so that connection is of no more use.
+
+    Args:
+        url: As `hm_driver.transport.urls.open_transport`, with ``?dialect=auto|text|framed``.
+        timeout_s: Longest wait for the connection and, later, for each reply [s].
+
+    Raises:
+        ConfigurationError: The URL is wrong.
+        TransportError: Nothing listens there.
+        ProtocolError: What listens there is no HapticMASTER; the text says what was tried.
+    """
+    target = parse_device_url(url)
+    problems = []
+    for dialect in [target.dialect] if target.dialect else list(Dialect):
+        link = _open_link(target, dialect, timeout_s)
+        try:
+            state = _ask_state(link)
+        except (TransportTimeout, TransportClosed, ProtocolError) as error:
+            link.close()
+            problems.append(f"{dialect.value}: {error}")
+            continue
+        except BaseException:
+            link.close()
+            raise
+        _log.info("%s speaks the %s dialect; state %s", url, dialect.value, state)
+        return link
+    where = f"{target.host}:{target.port}" if target.host else target.url
+    raise ProtocolError(
+        f"{where} is no HapticMASTER; 'get state' was tried in the dialects {'; '.join(problems)}. "
+        "Check address and port, or name the dialect with ?dialect=text or ?dialect=framed"
+    )
+
+
+def _open_link(target: DeviceUrl, dialect: Dialect, timeout_s: float) -> CommandLink:
+    def reopen() -> Transport:
+        return open_transport(target, timeout_s=timeout_s)
+
+    return CommandLink(reopen(), dialect, timeout_s=timeout_s, reopen=reopen)
+
+
+def _ask_state(link: CommandLink) -> str:
+    """Ask for the state; an answer that is not a word means that this is no HapticMASTER."""
+    try:
+        part = link.ask("get state", timeout_s=DETECTION_S)
+    except DeviceError:
+        return "unknown: it refused 'get state'"
+    word = parse_word(part)
+    is_quoted = part.startswith('"')
+    if not word.isalpha() or is_quoted != (link.dialect is Dialect.FRAMED):
+        raise ProtocolError(f"{part[:40]!r} is not a state", received=part)
+    return word
+
+
+def _find_refused(request: str, reply: str) -> tuple[str, str]:
+    """The command of a request that was refused, and its reply."""
+    commands = request.split(";")
+    parts = reply.split(";")
+    if len(commands) == len(parts) - 1:
+        for command, part in zip(commands, parts, strict=False):
+            if is_error(part):
+                return command.strip(), part
+    return request, reply.strip('"; ')
