@@ -143,41 +143,50 @@ class LogWriter:
         if not chunk.messages:
             return
         data = bytes(chunk.data)
-        start, end = chunk.start_time_ns, chunk.end_time_ns
-        compressed = self._compress(data)
-        offset = self.bytes_written
-        self._write_record(
-            records.Chunk(
-                compression=self._compression.value,
-                data=compressed,
-                message_start_time=start,
-                message_end_time=end,
-                uncompressed_crc=zlib.crc32(data),
-                uncompressed_size=len(data),
-            )
+        record = records.Chunk(
+            compression=self._compression.value,
+            data=self._compress(data),
+            message_start_time=chunk.start_time_ns,
+            message_end_time=chunk.end_time_ns,
+            uncompressed_crc=zlib.crc32(data),
+            uncompressed_size=len(data),
         )
+        self._write_chunk(record, chunk.index_records())
+        self.messages_written += chunk.messages
+        chunk.clear()
+
+    def copy_chunk(self, chunk: records.Chunk, indexes: dict[int, bytes], counts: Mapping[int, int]) -> None:
+        """Append a chunk of another file as it is, with its index records and message counts by channel."""
+        self.end_chunk()
+        self._write_chunk(chunk, indexes)
+        for channel, count in counts.items():
+            self.chunk.counts[channel] = self.chunk.counts.get(channel, 0) + count
+            self.messages_written += count
+
+    def _write_chunk(self, chunk: records.Chunk, indexes: dict[int, bytes]) -> None:
+        offset = self.bytes_written
+        self._write_record(chunk)
         index_start = self.bytes_written
         offsets = {}
-        for channel, record in chunk.index_records().items():
+        for channel, index in indexes.items():
             offsets[channel] = self.bytes_written
-            self._write(record)
+            self._write(index)
+        start, end = chunk.message_start_time, chunk.message_end_time
         self._chunk_indexes.append(
             records.ChunkIndex(
                 chunk_length=index_start - offset,
                 chunk_start_offset=offset,
-                compression=self._compression.value,
-                compressed_size=len(compressed),
+                compression=chunk.compression,
+                compressed_size=len(chunk.data),
                 message_end_time=end,
                 message_index_length=self.bytes_written - index_start,
                 message_index_offsets=offsets,
                 message_start_time=start,
-                uncompressed_size=len(data),
+                uncompressed_size=chunk.uncompressed_size,
             )
         )
         first, last = self._span or (start, end)
         self._span = min(first, start), max(last, end)
-        self.messages_written += chunk.messages
-        chunk.clear()
 
     def sync(self) -> None:
         """Write what there is and wait until the disk has it: a power cut loses nothing before this."""
@@ -240,25 +249,31 @@ class LogWriter:
             self.abandon()
 
     def _add_channel(self, channel: Channel) -> None:
-        schema = next((one for one in self._schemas if one.name == f"{PACKAGE}.{channel.message.name}"), None)
+        name = f"{PACKAGE}.{channel.message.name}"
+        schema = next((one for one in self._schemas if one.name == name), None)
         if schema is None:
-            schema = records.Schema(
-                id=len(self._schemas) + 1,
-                data=channel.message.file_descriptor_set(),
-                encoding="protobuf",
-                name=f"{PACKAGE}.{channel.message.name}",
+            data = channel.message.file_descriptor_set()
+            schema = records.Schema(id=len(self._schemas) + 1, data=data, encoding="protobuf", name=name)
+            self.copy_schema(schema)
+        self.copy_channel(
+            records.Channel(
+                id=channel.id,
+                topic=channel.topic,
+                message_encoding="protobuf",
+                metadata={},
+                schema_id=schema.id,
             )
-            self._schemas.append(schema)
-            self._write_record(schema)
-        record = records.Channel(
-            id=channel.id,
-            topic=channel.topic,
-            message_encoding="protobuf",
-            metadata={},
-            schema_id=schema.id,
         )
-        self._channels.append(record)
-        self._write_record(record)
+
+    def copy_schema(self, schema: records.Schema) -> None:
+        """Append a schema of another file as it is."""
+        self._schemas.append(schema)
+        self._write_record(schema)
+
+    def copy_channel(self, channel: records.Channel) -> None:
+        """Append a channel of another file as it is; its schema comes first."""
+        self._channels.append(channel)
+        self._write_record(channel)
 
     def _summary(self, start: int) -> bytes:
         builder = RecordBuilder()

@@ -163,7 +163,7 @@ def test_the_file_is_finished_when_the_parent_is_killed(tmp_path):
     script.write_text(code)
     log = tmp_path / "log.mcap"
     command = [sys.executable, str(script), str(log), str(tmp_path / "ring")]
-    assert subprocess.run(command, check=False).returncode == -signal.SIGKILL  # noqa: S603 - our own script
+    assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
     wait_until(lambda: log.read_bytes().endswith(b"\x89MCAP0\r\n") and log.stat().st_size > 8)
     assert len(messages_of(log)) == 3
 

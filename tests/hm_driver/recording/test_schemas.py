@@ -131,7 +131,7 @@ def test_the_loop_process_gets_schemas_and_ring_without_numpy_or_protobuf():
         "heavy = {'numpy', 'numba', 'google.protobuf', 'mcap'} & set(sys.modules); "
         "sys.exit(repr(heavy) if heavy else 0)"
     )
-    subprocess.run([sys.executable, "-c", code], check=True)  # noqa: S603 - our own interpreter and text
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_messages_and_bundles_can_be_handed_to_another_process():

@@ -1,0 +1,275 @@
+"""Reading a log: columns as numpy arrays, by topic and time range, also from a truncated file."""
+
+import warnings
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from mcap import records
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from hm_driver.errors import RecordingError
+from hm_driver.recording.chunks import MESSAGE_HEADER
+from hm_driver.recording.container import ChunkPlace, Container, walk_messages
+from hm_driver.recording.decoding import Columns, Decoder
+
+LOG_TIME = "log_time_ns"
+"""Name of the column that every topic has: the time at which the message was logged [ns since the epoch]."""
+
+Payloads: TypeAlias = "NDArray[np.uint8] | list[bytes]"
+
+_HEADER = np.dtype(
+    {
+        "names": ["opcode", "length", "channel", "sequence", "log_time", "publish_time"],
+        "formats": ["u1", "<u8", "<u2", "<u4", "<i8", "<i8"],
+        "offsets": [0, 1, 9, 11, 15, 23],
+        "itemsize": MESSAGE_HEADER.size,
+    }
+)
+_MESSAGE = 5
+
+
+class RecordingWarning(UserWarning):
+    """A log is not whole; what can be read is read."""
+
+
+@dataclass(frozen=True, slots=True)
+class TopicSummary:
+    """What a log holds of one topic."""
+
+    topic: str
+    """Name of the topic."""
+    schema: str
+    """Full name of its message."""
+    columns: tuple[str, ...]
+    """Names of the columns, without the log time."""
+    units: Mapping[str, str]
+    """Unit of each column that has one."""
+
+
+class Recording:
+    """A log, open for reading; a context manager.
+
+    Args:
+        path: The MCAP file.
+
+    Raises:
+        RecordingError: if it is missing, empty, or no MCAP file.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self._container = Container(path)
+        self.path = self._container.path
+        contents = self._container.contents
+        self._channels = {channel.topic: channel for channel in contents.channels.values()}
+        self._decoders: dict[str, Decoder] = {}
+        self.damage = contents.damage
+        """Why the file is not whole; empty where it is."""
+        if self.damage:
+            warnings.warn(
+                f"{self.path} is not whole: {self.damage}; {len(contents.chunks)} chunks can be read",
+                RecordingWarning,
+                stacklevel=3,
+            )
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Names of the topics."""
+        return tuple(sorted(self._channels))
+
+    @property
+    def start_time_ns(self) -> int:
+        """Log time of the first message [ns since the epoch]; 0 in a log without messages."""
+        return min((place.start_time_ns for place in self._container.contents.chunks), default=0)
+
+    @property
+    def end_time_ns(self) -> int:
+        """Log time of the last message [ns since the epoch]."""
+        return max((place.end_time_ns for place in self._container.contents.chunks), default=0)
+
+    @property
+    def duration_s(self) -> float:
+        """From the first message to the last [s]."""
+        return (self.end_time_ns - self.start_time_ns) / 1e9
+
+    @cached_property
+    def counts(self) -> dict[str, int]:
+        """Number of messages of each topic."""
+        known = self._container.contents.counts
+        if known is not None:
+            return {topic: known.get(channel.id, 0) for topic, channel in self._channels.items()}
+        return {topic: sum(len(times) for times, _ in self._blocks(topic)) for topic in self.topics}
+
+    @cached_property
+    def metadata(self) -> dict[str, dict[str, str]]:
+        """Records of metadata, by name."""
+        offsets = self._container.contents.metadata
+        found = [self._container.record(records.Metadata, offset) for offset in offsets]
+        return {record.name: dict(record.metadata) for record in found}
+
+    @cached_property
+    def attachments(self) -> dict[str, bytes]:
+        """Files inside the log, by name."""
+        offsets = self._container.contents.attachments
+        found = [self._container.attachment(offset) for offset in offsets]
+        return {record.name: record.data for record in found}
+
+    def describe(self, topic: str) -> TopicSummary:
+        """Schema, columns and units of a topic.
+
+        Raises:
+            RecordingError: if there is no such topic, or its messages are not protobuf.
+        """
+        decoder = self._decoder(topic)
+        schema = self._container.contents.schemas[self._channels[topic].schema_id]
+        return TopicSummary(topic, schema.name, decoder.names, decoder.units)
+
+    def columns(
+        self,
+        topic: str,
+        start: float | None = None,
+        end: float | None = None,
+        *,
+        names: Iterable[str] | None = None,
+    ) -> Columns:
+        """Columns of a topic, in the order of the file, with the log time as ``log_time_ns``.
+
+        Args:
+            topic: Name of the topic.
+            start: First time, in seconds from the beginning of the log.
+            end: Time at which to stop, that time not included.
+            names: Columns to read; all where None.
+
+        Returns:
+            One array of shape (n,) for each column; lists and texts are arrays of objects.
+
+        Raises:
+            RecordingError: if there is no such topic or column, its messages are not protobuf, or the range
+                lies outside the log.
+        """
+        decoder = self._decoder(topic)
+        wanted = tuple(names) if names is not None else decoder.names
+        unknown = sorted(set(wanted) - set(decoder.names) - {LOG_TIME})
+        if unknown:
+            raise RecordingError(
+                f"{self.path}: {topic} has no column {unknown}; there are {list(decoder.names)}"
+            )
+        span = self._span(start, end)
+        parts = []
+        for times, payloads in self._blocks(topic, span):
+            columns = decoder.decode(payloads)
+            parts.append({LOG_TIME: times, **{name: columns[name] for name in wanted if name != LOG_TIME}})
+        if not parts:
+            empty = decoder.decode([])
+            parts = [{LOG_TIME: np.empty(0, dtype=np.int64), **{name: empty[name] for name in wanted}}]
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+    def close(self) -> None:
+        """Close the file; idempotent."""
+        self._container.close()
+
+    def __enter__(self) -> "Recording":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _decoder(self, topic: str) -> Decoder:
+        channel = self._channels.get(topic)
+        if channel is None:
+            there = ", ".join(self.topics) or "none"
+            raise RecordingError(f"{self.path} has no channel {topic}; there are: {there}")
+        if topic not in self._decoders:
+            schema = self._container.contents.schemas.get(channel.schema_id)
+            if schema is None or schema.encoding != "protobuf" or channel.message_encoding != "protobuf":
+                encoding = channel.message_encoding or "unknown"
+                raise RecordingError(f"{self.path}: {topic} is not protobuf but {encoding}")
+            self._decoders[topic] = Decoder(schema.name, schema.data)
+        return self._decoders[topic]
+
+    def _span(self, start: float | None, end: float | None) -> tuple[int, int] | None:
+        if start is None and end is None:
+            return None
+        first = 0.0 if start is None else start
+        last = self.duration_s + 1.0 if end is None else end
+        if not first < last or first > self.duration_s or last <= 0.0:
+            raise RecordingError(
+                f"{self.path}: the range {first:g} s to {last:g} s is outside of 0 to {self.duration_s:g} s"
+            )
+        return self.start_time_ns + round(first * 1e9), self.start_time_ns + round(last * 1e9)
+
+    def _blocks(
+        self, topic: str, span: tuple[int, int] | None = None
+    ) -> Iterator[tuple[NDArray[np.int64], Payloads]]:
+        """Log times and payloads of a topic's messages, chunk by chunk."""
+        channel = self._channels[topic].id
+        for place in self._container.contents.chunks:
+            if span and (place.end_time_ns < span[0] or place.start_time_ns >= span[1]):
+                continue
+            if place.index_offsets and channel not in place.index_offsets:
+                continue
+            try:
+                data = self._container.chunk(place)
+            except RecordingError as error:
+                seconds = (place.end_time_ns - place.start_time_ns) / 1e9
+                warnings.warn(f"{error}; {seconds:g} s are left out", RecordingWarning, stacklevel=4)
+                continue
+            block = self._block(place, channel, data, span)
+            if block is not None:
+                yield block
+
+    def _block(
+        self, place: ChunkPlace, channel: int, data: bytes, span: tuple[int, int] | None
+    ) -> tuple[NDArray[np.int64], Payloads] | None:
+        content = np.frombuffer(data, dtype=np.uint8)
+        offsets = _indexed_offsets(content, self._container.message_offsets(place))
+        if offsets is None:
+            offsets = np.array(walk_messages(data), dtype=np.int64)
+        if not len(offsets):
+            return None
+        headers = _headers(content, offsets)
+        mine = headers["channel"] == channel
+        if not mine.any():
+            return None
+        offsets, headers = offsets[mine], headers[mine]
+        times = headers["log_time"].copy()
+        sizes = headers["length"].astype(np.int64) - (MESSAGE_HEADER.size - 9)
+        if span:
+            inside = (times >= span[0]) & (times < span[1])
+            if not inside.any():
+                return None
+            offsets, times, sizes = offsets[inside], times[inside], sizes[inside]
+        starts = offsets + MESSAGE_HEADER.size
+        if (sizes == sizes[0]).all():
+            return times, _rows(content, starts, int(sizes[0]))
+        return times, [data[start : start + size] for start, size in zip(starts, sizes, strict=True)]
+
+
+def _rows(content: NDArray[np.uint8], starts: NDArray[np.int64], size: int) -> NDArray[np.uint8]:
+    """The bytes behind each start, shape (n, size)."""
+    if not size:
+        return np.empty((len(starts), 0), dtype=np.uint8)
+    return np.ascontiguousarray(sliding_window_view(content, size)[starts])
+
+
+def _headers(content: NDArray[np.uint8], offsets: NDArray[np.int64]) -> NDArray[np.void]:
+    headers: NDArray[np.void] = _rows(content, offsets, _HEADER.itemsize).view(_HEADER)[:, 0]
+    return headers
+
+
+def _indexed_offsets(content: NDArray[np.uint8], index: bytes) -> NDArray[np.int64] | None:
+    """Offsets of the messages, in the order of the chunk, where the index covers the chunk without a gap.
+
+    An index has no checksum of its own, the chunk has: an index that the chunk bears out cannot be wrong.
+    """
+    offsets = np.sort(np.frombuffer(index, dtype="<i8").reshape(-1, 2)[:, 1])
+    if not len(offsets) or offsets[0] != 0 or offsets[-1] > len(content) - _HEADER.itemsize:
+        return None
+    headers = _headers(content, offsets)
+    ends = offsets + 9 + headers["length"].astype(np.int64)
+    is_tiled = (ends[:-1] == offsets[1:]).all() and ends[-1] == len(content)
+    return offsets if is_tiled and (headers["opcode"] == _MESSAGE).all() else None
