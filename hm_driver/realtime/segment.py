@@ -17,6 +17,10 @@ from hm_driver.realtime.histogram import Histogram
 from hm_driver.realtime.latch import Latch, latch_size
 from hm_driver.realtime.setpoint import LoopState, SetPoint
 
+STOP_GENTLY = 1
+"""The application asks for the end: release the springs, stop the device."""
+PARENT_LOST = 2
+"""The application is gone: a trip."""
 _MAGIC = 0x31474553_4D48  # "HMSEG1"
 
 
@@ -95,7 +99,7 @@ class Word(IntEnum):
     STATUS = 1
     TRIP = 2
     STOP_REQUESTED = 3
-    """1: ramp down and stop the device; 2: end without another command."""
+    """`STOP_GENTLY` or `PARENT_LOST`."""
     APP_HEARTBEAT_NS = 4
     LOOP_HEARTBEAT_NS = 5
     APP_PID = 6
@@ -107,12 +111,14 @@ class Word(IntEnum):
     SPUN_NS = 12
     CPU_NS = 13
     ELAPSED_NS = 14
-    DRIFT_NS = 15
-    EXCHANGES = 16
+    EXCHANGES = 15
     """Requests sent by the cycles so far."""
-    FRAMED = 17
-    COMBINED = 18
-    GUARDIAN = 19
+    FRAMED = 16
+    """1 where the device speaks the framed dialect."""
+    COMBINED = 17
+    """1 where one request holds all commands of a cycle."""
+    GUARDIAN = 18
+    GUARDIAN_PID = 19
     GUARDIAN_HEARTBEAT_NS = 20
     GUARDIAN_NOTICED_NS = 21
     """When the guardian saw that the loop was lost [ns]."""
@@ -128,7 +134,9 @@ class Word(IntEnum):
     """Deadline 0 of the grid [ns]."""
     MEMORY_LOCKED = 27
     STOPS_SENT = 28
-    """Times that the loop sent the safe stop; 1 at the end of every session."""
+    """Times that the loop sent the safe stop; 1 at the end of every session whose link lived."""
+    DEVICE_TOUCHED = 29
+    """1 from the first command that may move the arm on: from then on a lost loop means a stop."""
 
 
 class GuardianReport(NamedTuple):

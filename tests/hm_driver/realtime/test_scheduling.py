@@ -35,7 +35,7 @@ granted.release()
 
 def run(user: str, requirement: str = "") -> dict:
     command = [sys.executable, "-c", PROGRAM, user, requirement]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=30)  # noqa: S603  # ours
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=30)  # ours
     return json.loads(done.stdout)
 
 

@@ -136,7 +136,7 @@ def test_a_block_left_by_a_killed_run_is_removed_by_the_next_one():
         "b = SharedBlock.create(64, tag='killed'); print(b.path, flush=True); os.kill(os.getpid(), 9)"
     )
     command = [sys.executable, "-c", code]
-    killed = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603  # ours
+    killed = subprocess.run(command, capture_output=True, text=True, check=False)  # ours
     path = Path(killed.stdout.strip())
     assert path.exists()
     with SharedBlock.create(64, tag="test") as mine:

@@ -1,0 +1,75 @@
+"""From the cycle's state to the device's commands: only what changed is said."""
+
+from hm_driver.realtime.cycle import (
+    ADMITTANCE,
+    ASSIST,
+    CAP,
+    PHASE,
+    REFERENCE,
+    S_BIAS,
+    SPRING_STRIDE,
+    SPRINGS,
+    VELOCITY,
+)
+from hm_driver.realtime.options import BIAS_NAME, SPRING_NAMES
+
+_AXIS_VALUES = ("[%s,0,0]", "[0,%s,0]", "[0,0,%s]", "[0,0,%s]")
+
+
+class EffectCommands:
+    """Turns the state of the springs and the bias force into the commands of one cycle.
+
+    A value is said again when its text on the wire (six significant digits) has changed. A spring is disabled
+    while it is released, and enabled behind its first values.
+    """
+
+    __slots__ = ("_bias", "_enabled", "_sent", "_sets", "_texts")
+
+    def __init__(self) -> None:
+        self._sets = tuple(
+            (
+                f"set {name} pos {value}",
+                f"set {name} vel {value}",
+                f"set {name} maxforce %s",
+                f"set {name} enable",
+                f"set {name} disable",
+            )
+            for name, value in zip(SPRING_NAMES, _AXIS_VALUES, strict=True)
+        )
+        nothing = float("nan")
+        self._sent = [nothing] * (SPRINGS * SPRING_STRIDE)
+        self._texts = [""] * (SPRINGS * SPRING_STRIDE)
+        self._enabled = [False] * SPRINGS
+        self._bias = (0.0, 0.0, 0.0)
+
+    def changes(self, s: list[float]) -> list[str]:
+        """Commands that bring the device from what it was told last to the state ``s`` of the cycle."""
+        changes: list[str] = []
+        enabled = self._enabled
+        for spring in (0, 1, 2, ASSIST):
+            base = spring * SPRING_STRIDE
+            if s[base + PHASE] != ADMITTANCE:
+                self._move(spring, s, base, changes)
+            elif enabled[spring]:
+                enabled[spring] = False
+                changes.append(self._sets[spring][4])
+        bias = (s[S_BIAS], s[S_BIAS + 1], s[S_BIAS + 2])
+        if bias != self._bias:
+            self._bias = bias
+            changes.append("set %s force [%g,%g,%g]" % (BIAS_NAME, *bias))  # noqa: UP031  # %g is the wire's
+        return changes
+
+    def _move(self, spring: int, s: list[float], base: int, changes: list[str]) -> None:
+        sets, sent, texts = self._sets[spring], self._sent, self._texts
+        for index in (REFERENCE, VELOCITY, CAP):
+            at = base + index
+            value = s[at]
+            if value != sent[at]:
+                sent[at] = value
+                text = "%g" % value  # noqa: UP031  # as above
+                if text != texts[at]:
+                    texts[at] = text
+                    changes.append(sets[index] % text)
+        if not self._enabled[spring]:
+            self._enabled[spring] = True
+            changes.append(sets[3])

@@ -1,0 +1,329 @@
+"""One cycle of the loop, the same in the real-time process and in lock-step.
+
+A cycle waits for its deadline, exchanges with the device (the changes that the cycle before computed, then
+the questions), runs the cycle function of the modes and their limits, and publishes. It owns no clock, socket
+or memory: all of them are handed to it.
+"""
+
+from typing import NamedTuple, Protocol
+
+from hm_driver.errors import DeviceError, HapticMasterError, ProtocolError, TransportError
+from hm_driver.realtime import cycle
+from hm_driver.realtime.clock import Clock
+from hm_driver.realtime.commands import EffectCommands
+from hm_driver.realtime.grid import Grid
+from hm_driver.realtime.law import LawRunner
+from hm_driver.realtime.measurements import CycleLink, Exchange
+from hm_driver.realtime.options import WatchOptions, ramp_down_parameters
+from hm_driver.realtime.segment import PARENT_LOST, Segment, Trip, Word
+from hm_driver.recording.ring import Ring
+from hm_driver.recording.schemas import EVENT, EVENT_LEVELS, EVENTS_CHANNEL, LOOP_BUNDLE
+
+# Plain integers: an enumeration's member costs a look-up in every cycle.
+_STOP_REQUESTED = int(Word.STOP_REQUESTED)
+_APP_HEARTBEAT = int(Word.APP_HEARTBEAT_NS)
+_LOOP_HEARTBEAT = int(Word.LOOP_HEARTBEAT_NS)
+_CYCLES, _MISSED, _LENGTH = int(Word.CYCLES), int(Word.MISSED), int(Word.GRID_LENGTH)
+_EXCHANGES, _SOFT_OVERRUNS = int(Word.EXCHANGES), int(Word.SOFT_OVERRUNS)
+
+_STATE_EVERY_S = 0.02
+_MISSED_SHARE = 0.05
+_LIMITS = {
+    cycle.TRIP_DATA: (Trip.DATA, "the device sent a number that is not finite"),
+    cycle.TRIP_WORKSPACE: (Trip.WORKSPACE, "a joint is beyond its end stop and the margin"),
+    cycle.TRIP_VELOCITY: (Trip.VELOCITY, "a joint is faster than its limit allows"),
+    cycle.TRIP_FORCE: (Trip.FORCE, "the hand's force is above its limit"),
+}
+
+
+class CycleFunction(Protocol):
+    """``cycle.cycle``, or a compiled one that computes the same."""
+
+    def __call__(self, s: list[float], p: list[float], u: list[float], m: list[float], dt: float, /) -> int:
+        """Run one cycle on the state, the parameters, the set-point and the measurement."""
+        ...
+
+
+class Recording(NamedTuple):
+    """Where the records of the cycles go."""
+
+    ring: Ring
+    epoch_ns: int
+    """Time of the log minus time of the loop's clock [ns]."""
+
+
+class LoopCore:
+    """The loop without its surroundings.
+
+    Args:
+        link: Connection to a device that has been brought up.
+        grid: The deadlines.
+        clock: The clock of the grid.
+        segment: Where set-points come from, and state and statistics go.
+        parameters: Flat parameters of the cycle function.
+        watch: Time-outs; the heartbeat is watched from the application's first sign of life on.
+        recording: Where the records go, or None.
+        law: The user's control law, or None.
+        step: The cycle function.
+        session_state: Device state that the loop needs; another one trips.
+    """
+
+    def __init__(
+        self,
+        link: CycleLink,
+        grid: Grid,
+        clock: Clock,
+        segment: Segment,
+        *,
+        parameters: list[float],
+        watch: WatchOptions,
+        recording: Recording | None = None,
+        law: LawRunner | None = None,
+        step: CycleFunction = cycle.cycle,
+        session_state: str = "force",
+    ) -> None:
+        self._exchange = Exchange(link)
+        self._grid = grid
+        self._now_ns = clock.now_ns
+        self._segment = segment
+        self._words = segment.words
+        self._set_points = segment.set_points
+        self._p = parameters
+        self._watch = watch
+        self._recording = recording
+        self._law = law
+        self._step = step
+        self._session_state = session_state
+        self._s = [0.0] * cycle.STATE_SIZE
+        self._u = [0.0] * cycle.SETPOINT_SIZE
+        self._m = [0.0] * cycle.MEASUREMENT_SIZE
+        self._last_good = [0.0] * cycle.MEASUREMENT_SIZE
+        self._commands = EffectCommands()
+        self._changes: list[str] = []
+        self._set_point_count = segment.set_points.count
+        self._state_every = max(1, round(_STATE_EVERY_S * 1e9 / grid.period_ns))
+        self._soft_ns = int(watch.soft_budget * grid.period_ns)
+        self._missed_limit = watch.missed_s * 1e9 / grid.period_ns
+        self._missed_level = 0.0
+        self._beat_seen = segment.words[Word.APP_HEARTBEAT_NS]
+        self._beat_limit_ns = int(watch.heartbeat_s * 1e9)
+        self._silence_ns = -1
+        self._stale_limit = int(watch.stale_s * 1e9 / grid.period_ns)
+        self._stale_cycles = 0
+        self._ramp_end_ns: int | None = None
+        self._events = 0
+        self._has_tripped = False
+        self.is_link_usable = True
+        """False once an exchange failed: nothing more may be sent on this connection."""
+
+    @property
+    def grid(self) -> Grid:
+        """The deadlines, with the counts of cycles and missed periods."""
+        return self._grid
+
+    @property
+    def is_stopping(self) -> bool:
+        """Whether the forces are being ramped down."""
+        return self._ramp_end_ns is not None
+
+    @property
+    def forces(self) -> tuple[float, ...]:
+        """Commanded forces of the springs x, y, z and of the assist [N]."""
+        return tuple(self._s[cycle.S_FORCE : cycle.S_FORCE + cycle.SPRINGS])
+
+    def run_cycle(self) -> bool:
+        """Wait for the next deadline and run its cycle.
+
+        Returns:
+            False when the loop is over: stopped or tripped, with the forces ramped down. The caller then
+            stops the device, over this link if ``is_link_usable``.
+        """
+        grid, now_ns, words = self._grid, self._now_ns, self._words
+        skipped = grid.wait()
+        words[_LOOP_HEARTBEAT] = grid.wake_ns
+        if self._ramp_end_ns is None:
+            self._watch_surroundings(skipped)
+        sent_ns = now_ns()
+        try:
+            self._exchange.run(self._changes, self._m, ask_state=grid.cycles % self._state_every == 0)
+        except HapticMasterError as error:
+            return self._fail_exchange(error)
+        received_ns = now_ns()
+        dt = grid.dt_ns * 1e-9
+        self._compute(dt)
+        self._publish(received_ns - sent_ns, dt)
+        ramp_end_ns = self._ramp_end_ns
+        return ramp_end_ns is None or not (self._is_released() or now_ns() >= ramp_end_ns)
+
+    def stop(self) -> None:
+        """Begin the gentle release: the forces go down at the rate of every hand-over."""
+        if self._ramp_end_ns is None:
+            self._begin_release(self._watch.release_s)
+
+    def trip(self, reason: Trip, detail: str) -> None:
+        """Begin the fast ramp-down of a trip, and note the reason; only the first trip counts."""
+        if self._has_tripped:
+            return
+        self._has_tripped = True
+        self._segment.set_trip(reason, detail, self._now_ns())
+        self._p = ramp_down_parameters(self._p, self._watch.ramp_s)
+        self._begin_release(self._watch.ramp_s)
+        self.log_event("error", f"trip.{reason.name.lower()}", detail)
+
+    def log_event(self, level: str, name: str, text: str) -> None:
+        """Write an event into the log, where there is one."""
+        if self._recording is None:
+            return
+        self._events += 1
+        time_ns = self._now_ns() + self._recording.epoch_ns
+        payload = EVENT.pack(self._events, time_ns, EVENT_LEVELS[level], name, text, ())
+        self._recording.ring.write(EVENTS_CHANNEL.id, time_ns, payload)
+
+    def _begin_release(self, within_s: float) -> None:
+        self._ramp_end_ns = self._now_ns() + int(within_s * 1e9)
+        sequence = self._s[cycle.S_SEQUENCE]
+        self._u = [0.0] * cycle.SETPOINT_SIZE
+        self._u[cycle.U_SEQUENCE] = sequence
+
+    def _is_released(self) -> bool:
+        s = self._s
+        phases = s[cycle.PHASE : cycle.S_BIAS : cycle.SPRING_STRIDE]
+        return not any(phases) and not any(s[cycle.S_BIAS : cycle.S_BIAS + cycle.AXES])
+
+    def _watch_surroundings(self, skipped: int) -> None:
+        """Set-points, stop requests, the application's heartbeat and missed deadlines."""
+        words = self._words
+        count = self._set_points.count
+        if count != self._set_point_count:
+            self._set_point_count = count
+            self._u[:] = self._set_points.read()
+        if words[_STOP_REQUESTED]:
+            if words[_STOP_REQUESTED] == PARENT_LOST:
+                self.trip(Trip.PARENT, "the application ended without stopping the loop")
+            self.stop()
+            return
+        if self._beat_limit_ns:
+            self._watch_heartbeat(words[_APP_HEARTBEAT])
+        if skipped or self._missed_level:
+            level = max(0.0, self._missed_level - _MISSED_SHARE) + skipped
+            self._missed_level = level
+            if 0.0 < self._missed_limit < level:
+                self.trip(
+                    Trip.DEADLINE,
+                    f"{level:.0f} periods of {self._grid.period_ns * 1e-6:g} ms were missed, "
+                    f"{self._missed_limit:.0f} are allowed; lower the rate, or see what else this CPU runs",
+                )
+
+    def _watch_heartbeat(self, beat_ns: int) -> None:
+        """Count the application's silence, in time that this loop itself ran: a stall of the host is none."""
+        if beat_ns != self._beat_seen:
+            self._beat_seen = beat_ns
+            self._silence_ns = 0
+        elif self._silence_ns >= 0:
+            self._silence_ns += min(self._grid.dt_ns, 2 * self._grid.period_ns)
+            if self._silence_ns > self._beat_limit_ns:
+                self.trip(
+                    Trip.HEARTBEAT,
+                    f"the application was silent for {self._silence_ns * 1e-6:.0f} ms, "
+                    f"{self._beat_limit_ns * 1e-6:g} ms are allowed",
+                )
+
+    def _fail_exchange(self, error: HapticMasterError) -> bool:
+        """Decide what an exchange that failed means; whether the loop goes on."""
+        if isinstance(error, TransportError):
+            self.is_link_usable = False
+            self.trip(Trip.LINK, f"{error}; the guardian stops the device over its own connection")
+            return False
+        was_stopping = self.is_stopping
+        if isinstance(error, (DeviceError, ProtocolError)):
+            self.trip(Trip.DEVICE, str(error))
+        self._changes = []
+        return not was_stopping
+
+    def _compute(self, dt: float) -> None:
+        """Run the law, the cycle function and the checks; leaves the changes for the next exchange."""
+        exchange, m = self._exchange, self._m
+        if exchange.state and exchange.state != self._session_state and not self.is_stopping:
+            self.trip(
+                Trip.DEVICE,
+                f"the device left state '{self._session_state}' for '{exchange.state}': "
+                "look at the emergency button, then initialise again",
+            )
+        u = self._u
+        if self._law is not None and not self.is_stopping:
+            u = self._run_law(self._law, dt)
+        trip = self._step(self._s, self._p, u, m, dt)
+        if trip != cycle.OK:
+            self._trip_limit(trip, dt)
+        elif self._stale_limit:
+            self._watch_staleness()
+        self._last_good[:] = m
+        self._changes = self._commands.changes(self._s)
+
+    def _trip_limit(self, code: int, dt: float) -> None:
+        m = self._m
+        reason, text = _LIMITS[code]
+        if not self.is_stopping:
+            values = ", ".join("[%g, %g, %g]" % tuple(m[i : i + 3]) for i in (0, 3, 6))  # noqa: UP031  # short
+            self.trip(reason, f"{text}; position [m], velocity [m/s], force [N]: {values}")
+        if code == cycle.TRIP_DATA:  # the ramp goes on with the last measurement that was one
+            m[:] = self._last_good
+            self._step(self._s, self._p, self._u, m, dt)
+
+    def _watch_staleness(self) -> None:
+        self._stale_cycles = self._stale_cycles + 1 if self._m == self._last_good else 0
+        if self._stale_cycles > self._stale_limit:
+            self.trip(
+                Trip.DEVICE,
+                f"no digit of the measurements changed for {self._watch.stale_s:g} s: "
+                "the device sends stale data",
+            )
+
+    def _run_law(self, law: LawRunner, dt: float) -> list[float]:
+        set_point, problem = law.step(self._segment.state(), self._u, dt)
+        if problem:
+            self.trip(Trip.LAW, problem)
+            return self._u
+        return set_point
+
+    def _publish(self, exchange_ns: int, dt: float) -> None:
+        s, m, grid, segment, words = self._s, self._m, self._grid, self._segment, self._words
+        segment.publish_state(
+            (
+                grid.cycles, grid.deadline_ns, grid.missed, s[31],
+                m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8],
+                s[0], s[4], s[8], s[27], s[28], s[29], s[3], s[7], s[11], s[30],
+            )
+        )  # fmt: skip
+        words[_CYCLES] = grid.cycles
+        words[_MISSED] = grid.missed
+        words[_LENGTH] = grid.index + 1
+        words[_EXCHANGES] = self._exchange.requests
+        execution_ns = self._now_ns() - grid.wake_ns
+        if self._recording is not None:
+            self._record(self._recording, execution_ns, exchange_ns, dt)
+            execution_ns = self._now_ns() - grid.wake_ns
+        response_ns = grid.lateness_ns + execution_ns
+        segment.lateness.record(grid.lateness_ns)
+        segment.execution.record(execution_ns)
+        segment.exchange.record(exchange_ns)
+        segment.response.record(response_ns)
+        if response_ns > self._soft_ns:
+            words[_SOFT_OVERRUNS] += 1
+
+    def _record(self, recording: Recording, execution_ns: int, exchange_ns: int, dt: float) -> None:
+        s, m, grid, ring = self._s, self._m, self._grid, recording.ring
+        time_ns = grid.deadline_ns + recording.epoch_ns
+        offset = ring.reserve(LOOP_BUNDLE.id, time_ns, LOOP_BUNDLE.size)
+        if offset < 0:
+            return
+        index = grid.index
+        LOOP_BUNDLE.pack_into(
+            ring.data, offset,
+            index, time_ns, m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8],
+            index, time_ns, s[0], s[4], s[8], s[1], s[5], s[9], s[27], s[28], s[29], s[3], s[7], s[11],
+            s[12], s[30], s[16], s[17], s[18],
+            index, time_ns, grid.lateness_ns, execution_ns, exchange_ns, grid.lateness_ns + execution_ns,
+            grid.missed, dt,
+        )  # fmt: skip
+        ring.commit()

@@ -1,0 +1,100 @@
+"""A control law of the user, run in the loop below nothing and above every limit.
+
+A law is a class without constructor arguments and with ``step(state, command, dt)``: it gets the newest
+`LoopState`, the application's `SetPoint` and the true dt [s], and returns the `SetPoint` that the modes and
+limits then work on. It is imported in the loop's process, so it has to live without numpy and its like.
+
+Example:
+    >>> class Follow:
+    ...     def step(self, state, command, dt):
+    ...         return command._replace(engage_z=1.0, target_z=0.01)
+"""
+
+import importlib
+import math
+import sys
+import time
+from collections.abc import Sequence
+from typing import Protocol
+
+from hm_driver.errors import ConfigurationError
+from hm_driver.realtime.setpoint import LoopState, SetPoint
+
+REFUSED_IMPORTS = ("numpy", "numba", "scipy", "matplotlib", "pandas", "torch")
+"""Packages that would bring threads, locks and hundreds of megabytes into the loop's process."""
+_DRY_RUNS = 200
+
+
+class ControlLaw(Protocol):
+    """What a law has to offer."""
+
+    def step(self, state: LoopState, command: SetPoint, dt: float) -> SetPoint:
+        """Return the set-point for this cycle; never block, and never take longer than a part of a period."""
+        ...
+
+
+class LawRunner:
+    """Calls a law and judges what it returns.
+
+    Args:
+        law: The law.
+        name: How messages name it.
+        budget_ns: Longest time a step may take [ns]; three longer ones in a row are a problem.
+    """
+
+    __slots__ = ("_budget_ns", "_law", "_name", "_slow")
+
+    def __init__(self, law: ControlLaw, *, name: str, budget_ns: int) -> None:
+        self._law = law
+        self._name = name
+        self._budget_ns = budget_ns
+        self._slow = 0
+
+    def step(self, state: LoopState, command: Sequence[float], dt: float) -> tuple[list[float], str]:
+        """Run the law once; returns its set-point, and what is wrong with it or an empty text."""
+        start_ns = time.monotonic_ns()
+        try:
+            values = [float(value) for value in self._law.step(state, SetPoint(*command), dt)]
+        except Exception as error:  # noqa: BLE001  # whatever a user's law raises ends the session safely
+            return [], f"the law {self._name} raised {type(error).__name__}: {error}"
+        taken_ns = time.monotonic_ns() - start_ns
+        if len(values) != len(SetPoint._fields) or not all(map(math.isfinite, values)):
+            return [], f"the law {self._name} returned {values}, not a SetPoint of finite numbers"
+        self._slow = self._slow + 1 if taken_ns > self._budget_ns else 0
+        if self._slow > 2 or taken_ns > 20 * self._budget_ns:
+            limit_us = self._budget_ns * 1e-3
+            return [], f"the law {self._name} took {taken_ns * 1e-3:.0f} µs; {limit_us:.0f} µs are allowed"
+        return values, ""
+
+
+def load_law(path: str, *, period_ns: int) -> LawRunner:
+    """Import a law and try it before the arm moves.
+
+    Args:
+        path: ``module:Class``.
+        period_ns: Period of the loop [ns]; a step may take a third of it.
+
+    Raises:
+        ConfigurationError: It cannot be imported, imports what the loop refuses, or fails its dry run.
+    """
+    module_name, _, class_name = path.partition(":")
+    if not (module_name and class_name):
+        raise ConfigurationError("law", f"{path!r} is not module:Class")
+    before = set(sys.modules)
+    try:
+        law = getattr(importlib.import_module(module_name), class_name)()
+    except Exception as error:  # whatever the user's module raises is the reason for the refusal
+        raise ConfigurationError(
+            "law", f"{path} cannot be loaded: {type(error).__name__}: {error}"
+        ) from error
+    heavy = sorted({name for name in REFUSED_IMPORTS if name in sys.modules and name not in before})
+    if heavy:
+        raise ConfigurationError(
+            "law", f"{path} imports {', '.join(heavy)}: the loop's process has to do without"
+        )
+    runner = LawRunner(law, name=path, budget_ns=period_ns // 3)
+    for _ in range(_DRY_RUNS):
+        _, problem = runner.step(LoopState(), SetPoint(), period_ns * 1e-9)
+        if problem:
+            raise ConfigurationError("law", f"dry run: {problem}")
+    return runner
