@@ -6,6 +6,7 @@ numpy nor numba.
 
 import signal
 import sys
+import warnings
 from collections.abc import Sequence
 from types import FrameType
 
@@ -69,6 +70,7 @@ def main() -> None:
     """Entry point of the ``hm`` command."""
     for ending in ("SIGTERM", "SIGHUP"):
         _interrupt_on(ending)
+    warnings.showwarning = _show_warning
     sys.exit(run(sys.argv[1:], application()))
 
 
@@ -77,6 +79,10 @@ def _interrupt_on(name: str) -> None:
     number = getattr(signal, name, None)
     if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
         signal.signal(number, _interrupt)
+
+
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    sys.stderr.write(f"hm: warning: {message}\n")
 
 
 def _interrupt(_signal: int, _frame: FrameType | None) -> None:
