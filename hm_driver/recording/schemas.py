@@ -56,7 +56,7 @@ DEVICE_COMMAND = FixedMessage(
         Field("reference", Kind.VECTOR3, "Reference of the position springs", "m"),
         Field("reference_velocity", Kind.VECTOR3, "Velocity of the reference", "m/s"),
         Field("spring_force", Kind.VECTOR3, "Commanded force of the position springs", "N"),
-        Field("engagement", Kind.VECTOR3, "Share of each position spring, 0 off to 1 full"),
+        Field("phase", Kind.VECTOR3, "Each position spring: 0 admittance, 1 position, 2 releasing"),
         Field("assist_reference", Kind.DOUBLE, "Rest height of the spring that assists the hand", "m"),
         Field("assist_force", Kind.DOUBLE, "Commanded force of that spring, along z", "N"),
         Field("bias_force", Kind.VECTOR3, "Bias force on the end effector", "N"),
