@@ -66,6 +66,11 @@ class Guardian:
         self._orphan_ns = -1
         self._last_ns = time.monotonic_ns()
 
+    @property
+    def is_orphan(self) -> bool:
+        """Whether the application is gone."""
+        return self._orphan_ns >= 0
+
     def watch(self, poll: "select.poll", loop_fd: int | None) -> None:
         """Watch until the loop has ended and the device is stopped.
 
@@ -152,13 +157,15 @@ def main() -> None:
             segment.words[Word.GUARDIAN] = GuardianStatus.FAILED
             return
         try:
-            _watch(options, segment, link)
+            if _watch(options, segment, link):
+                block.path.unlink(missing_ok=True)  # its owner is gone
         finally:
             link.close()
             segment.close()
 
 
-def _watch(options: GuardianOptions, segment: Segment, link: CommandLink) -> None:
+def _watch(options: GuardianOptions, segment: Segment, link: CommandLink) -> bool:
+    """Watch until the end; whether the application is gone."""
     link.timeout_s = _STOP_TIMEOUT_S
     prepare_process()
     granted = enter_realtime(options.priority, hold_dma_latency=False)
@@ -168,12 +175,14 @@ def _watch(options: GuardianOptions, segment: Segment, link: CommandLink) -> Non
     if loop_fd is not None:
         poll.register(loop_fd, select.POLLIN)
     segment.words[Word.GUARDIAN] = GuardianStatus.WATCHING
+    guardian = Guardian(options, segment, link)
     try:
-        Guardian(options, segment, link).watch(poll, loop_fd)
+        guardian.watch(poll, loop_fd)
     finally:
         granted.release()
         if loop_fd is not None:
             os.close(loop_fd)
+    return guardian.is_orphan
 
 
 def _open_process(pid: int) -> int | None:

@@ -94,6 +94,7 @@ class StillDevice:
 
 def serve(device: StillDevice, connection: socket.socket, *, takes_text: bool) -> None:
     decoder = RequestDecoder(limit=1 << 20)
+    drives = False
     with connection:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         while data := connection.recv(65536):
@@ -103,7 +104,8 @@ def serve(device: StillDevice, connection: socket.socket, *, takes_text: bool) -
                     _, name, argument = request.split(" ", 2)
                     connection.sendall(device.control(name, argument).encode() + b"\n")
                     continue
-                if device.silent or (dialect is Dialect.TEXT and not takes_text):
+                drives = drives or "measpos" in request
+                if (device.silent and drives) or (dialect is Dialect.TEXT and not takes_text):
                     continue
                 parts = [device.answer(command) for command in request.split("; ")]
                 if dialect is Dialect.FRAMED:
