@@ -284,7 +284,7 @@ def _parse_create(words: list[str], text: str) -> Command:
 def _parse_remove(words: list[str], text: str) -> Command:
     if len(words) != 2:
         raise ProtocolError(f"{_shown(text)}: accepted: remove NAME, remove all", received=text)
-    return Remove(words[1])
+    return RemoveAll() if words[1] == "all" else Remove(words[1])
 
 
 def _parse_plain(words: list[str], text: str) -> Command:
