@@ -387,6 +387,93 @@ def superfluous(table: FloatArray, d: int, m: int, i: int, j: int) -> int:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def sweep(
+    table: FloatArray,
+    params: FloatArray,
+    q_cut: float,
+    low: int,
+    high: int,
+    X: FloatArray,
+    Y: FloatArray,
+    k: int,
+    z: FloatArray,
+    g: FloatArray,
+) -> tuple[float, int, float, int]:
+    """Let the models low to high learn sample k; returns the two most active: q and column of each."""
+    d = X.shape[1]
+    q1, q2 = math.inf, math.inf
+    first, second = -1, -1
+    for i in range(low, high):
+        q = exponent(table, d, i, X, k)
+        if q >= q_cut:
+            continue
+        if q < q1:
+            q2, second = q1, first
+            q1, first = q, i
+        elif q < q2:
+            q2, second = q, i
+        for j in range(d):
+            z[j] = X[k, j] - table[j, i]
+        learn(table, params, i, math.exp(-0.5 * q), Y, k, z, g)
+    return q1, first, q2, second
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def sweep_2d(
+    table: FloatArray,
+    params: FloatArray,
+    q_cut: float,
+    low: int,
+    high: int,
+    x0: float,
+    x1: float,
+    y: float,
+    g: FloatArray,
+) -> tuple[float, int, float, int]:
+    """As :func:`sweep` for two inputs and one output, written out: the same arithmetic in the same order."""
+    lam = params[LAM]
+    scale = 1.0 / lam
+    q1, q2 = math.inf, math.inf
+    first, second = -1, -1
+    for i in range(low, high):
+        a, b = x0 - table[0, i], x1 - table[1, i]
+        q = a * (table[2, i] * a + 2.0 * table[3, i] * b) + table[4, i] * b * b
+        if q >= q_cut:
+            continue
+        if q < q1:
+            q2, second = q1, first
+            q1, first = q, i
+        elif q < q2:
+            q2, second = q, i
+        w = math.exp(-0.5 * q)
+        p00, p01, p02 = table[8, i], table[9, i], table[10, i]
+        p11, p12, p22 = table[11, i], table[12, i], table[13, i]
+        g0 = p00 * a + p01 * b + p02
+        g1 = p01 * a + p11 * b + p12
+        g2 = p02 * a + p12 * b + p22
+        s = 1.0 / (lam / w + a * g0 + b * g1 + g2)
+        e = y - table[5, i] * a - table[6, i] * b - table[7, i]
+        if table[14, i] >= 3.0:
+            table[17, i] = lam * table[17, i] + w
+            table[18, i] = lam * table[18, i] + w * e * e
+        e *= s
+        table[5, i] += g0 * e
+        table[6, i] += g1 * e
+        table[7, i] += g2 * e
+        s0, s1 = s * g0, s * g1
+        table[8, i] = (p00 - s0 * g0) * scale
+        table[9, i] = (p01 - s0 * g1) * scale
+        table[10, i] = (p02 - s0 * g2) * scale
+        table[11, i] = (p11 - s1 * g1) * scale
+        table[12, i] = (p12 - s1 * g2) * scale
+        table[13, i] = (p22 - s * g2 * g2) * scale
+        if lam < 1.0:
+            retain(table, 8, i, 3, int(table[14, i]) % 3, (1.0 - lam) * 3.0 / params[P0], g)
+        table[14, i] += 1.0
+    return q1, first, q2, second
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def update(
     table: FloatArray, state: FloatArray, params: FloatArray, X: FloatArray, Y: FloatArray, start: int
 ) -> int:
@@ -412,20 +499,10 @@ def update(
             if not math.isfinite(Y[k, o]):
                 return -1 - k
         low, high = window(table, n, X[k, 0], extent)
-        q1, q2 = math.inf, math.inf
-        first, second = -1, -1
-        for i in range(low, high):
-            q = exponent(table, d, i, X, k)
-            if q >= q_cut:
-                continue
-            if q < q1:
-                q2, second = q1, first
-                q1, first = q, i
-            elif q < q2:
-                q2, second = q, i
-            for j in range(d):
-                z[j] = X[k, j] - table[j, i]
-            learn(table, params, i, math.exp(-0.5 * q), Y, k, z, g)
+        if d == 2 and m == 1:
+            q1, first, q2, second = sweep_2d(table, params, q_cut, low, high, X[k, 0], X[k, 1], Y[k, 0], g)
+        else:
+            q1, first, q2, second = sweep(table, params, q_cut, low, high, X, Y, k, z, g)
         if math.exp(-0.5 * q1) <= params[W_GEN]:
             place = insert(table, state, params, X, k, m)
             for j in range(d):
