@@ -54,6 +54,9 @@ class SessionOptions:
     """How long the demonstrator may examine the skill before the autonomous stage begins [s]."""
     give_up: float = 300.0
     """Duration after which teaching ends without having covered the plane [s]."""
+    hand_over: float = 0.4
+    """Least duration of a full change of control [s]. The blend zone of eq. (9) is 4 mm wide, 2 ticks at the speed
+    of the demonstration; so C follows eq. (9) no faster than this, and a hand-over is smooth in time as well."""
     samples_per_tick: int = 50
     """How many samples of an update are learned in a tick."""
     record_without_contact: bool = False
@@ -70,7 +73,7 @@ class SessionOptions:
     """Share of the interaction force that is rendered on the hand."""
 
     def __post_init__(self) -> None:
-        for name in ("practice", "examination", "feedback_gain"):
+        for name in ("practice", "examination", "hand_over", "feedback_gain"):
             if not 0.0 <= getattr(self, name):
                 raise ConfigurationError(name, f"{getattr(self, name)} must not be negative")
         for name in ("give_up", "autonomous_speed", "autonomous_acceleration", "autonomous_spacing"):
@@ -164,7 +167,7 @@ class Session:
         self._assist_compliance = task.scale[2] / assist_stiffness
         self._batches: deque[Batch] = deque()
         self._pending: BackgroundUpdate[LWR] | None = None
-        self._deepest = task.deepest
+        self._deepest = task.depth_max
         self._walker: Walker | None = None
         self._time = 0.0
         self._covered_at: float | None = None
@@ -192,9 +195,11 @@ class Session:
         events = self._advance_stage()
         x, y, z = task.to_manipulator(measured.measured_x, measured.measured_y, measured.measured_z)
         contact = task.contact(x, y, z)
-        depth = task.surface_height - z
+        depth = task.surface_z - z
         y_robot, w_max = self.learner.query(x, y)
-        C = self._control_factor(y_robot, w_max)
+        wanted = self._control_factor(y_robot, w_max)
+        step = dt / self.options.hand_over if self.options.hand_over > 0.0 else 1.0
+        C = min(self._C + step, max(self._C - step, wanted))
         if (C > 0.5) != (self._C > 0.5):
             self.hand_overs += 1
             events.append(("hand-over", "the human is in control" if C > 0.5 else "the skill is in control"))
@@ -263,8 +268,7 @@ class Session:
     def _accumulate(self, C: float, x: float, y: float, depth: float) -> bool:
         if self.stage is not Stage.TEACHING or C != 1.0:
             return False
-        half_x, half_y = self.task.half
-        if abs(x) > half_x or abs(y) > half_y or not (self.options.record_without_contact or depth > 0.0):
+        if self.task.object_at(x, y) < 0 or not (self.options.record_without_contact or depth > 0.0):
             return False
         batch = self._accumulator.add((x, y), max(0.0, depth), C)
         if batch is not None:
@@ -308,7 +312,7 @@ class Session:
             target_x, target_y = self._walker.step(dt)
             velocity_x, velocity_y = self._walker.velocity
             engage_xy = 1.0
-        hx, hy, hz = task.to_handle(target_x, target_y, task.surface_height - y_cmd)
+        hx, hy, hz = task.to_handle(target_x, target_y, task.surface_z - y_cmd)
         return SetPoint(
             self._sequence,
             assist,
@@ -329,7 +333,7 @@ class Session:
     def _autonomous_path(self, x: float, y: float) -> Walker:
         options = self.options
         walker = Walker((x, y), options.autonomous_speed, options.autonomous_acceleration)
-        half_x, half_y = self.task.half
-        plane = Area(-half_x, half_x, -half_y, half_y)
+        half = 0.5 * self.task.size
+        plane = Area(-half, half, -half, half)
         walker.go(raster(plane, options.autonomous_spacing, options.autonomous_spacing / 2.0, start=(x, y)))
         return walker

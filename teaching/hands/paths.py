@@ -84,14 +84,19 @@ class Walker:
         """How many way points are left."""
         return len(self._points)
 
+    @property
+    def way_points(self) -> list[Point]:
+        """The way points that are left [m]."""
+        return list(self._points)
+
     def go(self, points: Iterable[Point]) -> None:
         """Forget the path and take this one."""
         self._points = deque(points)
 
-    def step(self, dt: float) -> Point:
-        """Walk for a time [s] and return the position [m]."""
+    def step(self, dt: float, *, moving: bool = True) -> Point:
+        """Walk for a time [s], or stand still, and return the position [m]."""
         x, y = x_old, y_old = self.position
-        left = self._pace(dt) * dt
+        left = self._pace(dt) * dt if moving else 0.0
         while left > 0.0 and self._points:
             px, py = self._points[0]
             distance = math.sqrt((px - x) ** 2 + (py - y) ** 2)

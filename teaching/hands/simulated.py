@@ -23,6 +23,10 @@ AIR = 0.01
 """Height above the surface at which he moves before he has seen a colour [m]."""
 
 
+LOOK = 0.5
+"""How long he looks at a place where control may have changed, before he believes it [s]."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DemonstratorOptions:
     """How the simulated demonstrator moves, sees and errs. Lengths and speeds are the manipulator's."""
@@ -54,12 +58,16 @@ class DemonstratorOptions:
     relaxed_damping: float = 2.0
     """Of his arm in z while the skill is in control [N*s/m]."""
     relax_time: float = 0.2
-    """How long he takes to relax or to take hold [s]."""
-    press_speed: float = 0.15
+    """How long he takes to relax [s]."""
+    grip_time: float = 0.1
+    """How long he takes to take hold again [s]."""
+    patience: float = 0.5
+    """How long he waits with moving on until the depth is right [s]."""
+    press_speed: float = 0.25
     """Speed at which he changes the depth on purpose [m/s]."""
 
     def __post_init__(self) -> None:
-        for name in ("speed", "line_spacing", "noise_time", "stiffness", "relax_time", "press_speed"):
+        for name in ("speed", "line_spacing", "noise_time", "stiffness", "relax_time", "grip_time", "press_speed"):
             if not getattr(self, name) > 0.0:
                 raise ConfigurationError(name, f"{getattr(self, name)} must be above 0")
         for name in ("examination", "lag", "force_noise", "practice_error", "correction", "damping"):
@@ -76,6 +84,8 @@ class Doing(Enum):
     """On his way to the object that is next."""
     TEACHING = "teaching"
     """Drawing lines over an object."""
+    LOOKING_BACK = "looking back"
+    """Seeing whether the skill has taken over where he was in control a moment ago."""
     EXAMINING = "examining"
     """Moving about where the skill has just taken over, to see how it does."""
     MOPPING_UP = "mopping up"
@@ -121,13 +131,18 @@ class SimulatedHand:
         self._memory = PlaneMemory(areas, cell=options.line_spacing)
         self._object = 0
         self._lines_along_x = True
+        self._path: list[Point] = []
+        self._interrupted = Doing.TEACHING
         self._examined = 0.0
+        self._looked = 0.0
         self._depth = surface_z - start[2]
         self._wanted = self._depth
         self._hold = 1.0
         self._delayed: deque[tuple[float, int, float]] = deque()
         self._colour, self._felt = -1, 0.0
         self._settled = 0.0
+        self._hesitates = False
+        self._waited = 0.0
         self._age = 0.0
         self._taught: list[Point] = []
         self._last_position: Vector | None = None
@@ -142,11 +157,13 @@ class SimulatedHand:
         self._age += dt
         self._memory.see(seen.x, seen.y, seen.C, dt)
         self._decide(seen, dt)
-        x, y = self._walker.step(dt)
         self._press(seen, dt)
+        x, y = self._walker.step(dt, moving=not self._hesitates)
         in_control = seen.C > 0.5
-        grip = dt / options.relax_time
-        self._hold = min(1.0, self._hold + grip) if in_control else max(0.0, self._hold - grip)
+        if in_control:
+            self._hold = min(1.0, self._hold + dt / options.grip_time)
+        else:
+            self._hold = max(0.0, self._hold - dt / options.relax_time)
         stiffness_z = options.relaxed_stiffness + self._hold * (options.stiffness - options.relaxed_stiffness)
         damping_z = options.relaxed_damping + self._hold * (options.damping - options.relaxed_damping)
         position = self._to_handle(x, y, self._surface_z - self._depth)
@@ -164,12 +181,13 @@ class SimulatedHand:
             (options.damping, options.damping, damping_z),
         )
 
-    def _start_object(self) -> None:
+    def _start_object(self, shift: float = 0.0) -> None:
+        """Draw lines along the border to what he taught before, so that control rarely changes hands."""
         area = self._areas[self._object]
         path = raster(
             area,
             self._options.line_spacing,
-            self._options.line_spacing / 2.0,
+            self._options.line_spacing / 2.0 + shift,
             along_x=self._lines_along_x,
             start=self._walker.position,
         )
@@ -179,38 +197,51 @@ class SimulatedHand:
 
     def _decide(self, seen: Seen, dt: float) -> None:
         """Choose where to go next by what the screen has shown so far."""
-        if self.doing is Doing.APPROACHING and self._walker.way_points_left < self._lines:
+        memory, walker = self._memory, self._walker
+        if self.doing is Doing.APPROACHING and walker.way_points_left < self._lines:
             self.doing = Doing.TEACHING
         if self.doing is Doing.EXAMINING:
             self._examined += dt
             if self._examined >= self._options.examination:
                 self._next_object()
-            elif self._walker.is_done:
-                self._walker.go([self._taught[int(self._rng.integers(len(self._taught)))]])
-        elif self._memory.has_changed_hands:
-            self._taught = self._memory.note_update()
-            self._examined = 0.0
-            self.doing = Doing.EXAMINING
-            self._walker.go([])
-        elif self._walker.is_done:
+            elif walker.is_done:
+                walker.go([self._taught[int(self._rng.integers(len(self._taught)))]])
+        elif self.doing is Doing.LOOKING_BACK:
+            self._looked = self._looked + dt if walker.is_done else 0.0
+            if self._looked > LOOK and seen.C < 0.5:
+                self._examine()
+            elif seen.C == 1.0 or self._looked > LOOK:
+                memory.dismiss()
+                self.doing = self._interrupted
+                walker.go(self._path)
+        elif memory.suspects and self.doing is not Doing.APPROACHING:
+            self._interrupted, self.doing = self.doing, Doing.LOOKING_BACK
+            self._path = [walker.position, *walker.way_points]
+            self._looked = 0.0
+            walker.go([memory.look_back()])
+        elif walker.is_done:
             if self.doing is Doing.MOPPING_UP:
-                self._mop_up()
+                walker.go([memory.next_place(*walker.position)])
             else:
-                self._lines_along_x = not self._lines_along_x
-                self._start_object()
+                self._start_object(shift=self._options.line_spacing / 2.0)
+
+    def _examine(self) -> None:
+        """See how the skill does where it has just taken over."""
+        self._taught = self._memory.taught or [self._walker.position]
+        self._memory.note_update()
+        self._examined = 0.0
+        self.doing = Doing.EXAMINING
+        self._walker.go([])
 
     def _next_object(self) -> None:
         self._object += 1
         if self._object < len(self._areas):
-            self._lines_along_x = True
+            before, area = self._areas[self._object - 1].centre, self._areas[self._object].centre
+            self._lines_along_x = abs(area[1] - before[1]) > abs(area[0] - before[0])
             self._start_object()
         else:
-            self._object = len(self._areas) - 1
-            self._mop_up()
-
-    def _mop_up(self) -> None:
-        self.doing = Doing.MOPPING_UP
-        self._walker.go([self._memory.nearest_unsettled(*self._walker.position, self._rng)])
+            self.doing = Doing.MOPPING_UP
+            self._walker.go([self._memory.next_place(*self._walker.position)])
 
     def _press(self, seen: Seen, dt: float) -> None:
         """Hold the depth of the colour seen a lag ago, corrected by the force seen a lag ago."""
@@ -222,6 +253,7 @@ class SimulatedHand:
         if seen.C <= 0.5:
             self._depth = seen.depth
             self._settled = 0.0
+            self._hesitates = False
             return
         decay = math.exp(-dt / options.noise_time)
         self._noise = decay * self._noise + math.sqrt(1.0 - decay * decay) * self._draw()
@@ -237,6 +269,9 @@ class SimulatedHand:
             unsteady = options.force_noise / self._reference_force * self._noise
             wanted = self._depths[known] * (1.0 + unsteady)
         self._wanted = wanted
+        off = abs(wanted - seen.depth) > 0.25 * abs(wanted)
+        self._waited = self._waited + dt if off else 0.0
+        self._hesitates = options.practised and off and self._waited < options.patience
         limit = options.press_speed * dt
         self._depth += max(-limit, min(limit, wanted - self._depth))
 

@@ -42,9 +42,9 @@ def build_demonstrator(
         rng: His randomness.
         handle: Where the handle is now [m].
     """
-    half_x, half_y = task.half
+    half = 0.5 * task.size
     areas = [
-        Area(max(x0, -half_x), min(x1, half_x), max(y0, -half_y), min(y1, half_y))
+        Area(max(x0, -half), min(x1, half), max(y0, -half), min(y1, half))
         for x0, y0, x1, y1 in (thing.box for thing in task.objects)
     ]
     return SimulatedHand(
@@ -52,7 +52,7 @@ def build_demonstrator(
         depths=practised_depths(task, options.practice_error, rng) if options.practised else [FIRST_GUESS],
         reference_force=task.reference_force,
         to_handle=task.to_handle,
-        surface_z=task.surface_height,
+        surface_z=task.surface_z,
         start=task.to_manipulator(*handle),
         options=options,
         rng=rng,

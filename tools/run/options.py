@@ -10,7 +10,8 @@ from enum import Enum
 import numpy as np
 
 from hm_driver.errors import ConfigurationError
-from hm_driver.realtime.options import LimitOptions, ModeOptions, TimingOptions
+from hm_driver.realtime.modes import LimitOptions, ModeOptions
+from hm_driver.realtime.options import TimingOptions, WatchOptions
 from teaching.accumulator import Accumulator
 from teaching.arbitration import ExistenceArbitration, check_thresholds
 from teaching.hands.simulated import DemonstratorOptions
@@ -120,6 +121,7 @@ class TeachOptions:
     modes: ModeOptions = field(default_factory=ModeOptions)
     limits: LimitOptions = field(default_factory=LimitOptions)
     timing: TimingOptions = field(default_factory=TimingOptions)
+    watch: WatchOptions = field(default_factory=WatchOptions)
     init_timeout_s: float = 30.0
     """How long the device may take to initialise [s]."""
 
@@ -144,6 +146,6 @@ def build_session(options: TeachOptions, task: Task, rng: np.random.Generator) -
         arbitration=options.arbitration.build(),
         accumulator=Accumulator(options.accumulation.N_acc, options.accumulation.downsample, rng=rng),
         w_th=options.arbitration.w_th,
-        assist_stiffness=options.modes.assist.stiffness,
+        assist_stiffness=options.modes.assist_stiffness,
         options=options.session,
     )
