@@ -36,7 +36,8 @@ class DeviceClaim:
                 holder = os.pread(fd, 20, 0).decode(errors="replace").strip() or "unknown"
                 os.close(fd)
                 raise LoopError(
-                    f"another loop (process {holder}) drives {self._url} already; end it, or use another device"
+                    f"another loop (process {holder}) drives {self._url} already; "
+                    "end it, or use another device"
                 )
             if _is_at(fd, self._path):  # else its last holder removed it between our opening and locking
                 os.pwrite(fd, f"{os.getpid():<20}".encode(), 0)

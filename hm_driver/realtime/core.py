@@ -16,6 +16,7 @@ from hm_driver.realtime.law import LawRunner
 from hm_driver.realtime.measurements import CycleLink, Exchange
 from hm_driver.realtime.options import WatchOptions, ramp_down_parameters
 from hm_driver.realtime.segment import PARENT_LOST, Segment, Trip, Word
+from hm_driver.realtime.trace import Trace
 from hm_driver.recording.ring import Ring
 from hm_driver.recording.schemas import EVENT, EVENT_LEVELS, EVENTS_CHANNEL, LOOP_BUNDLE
 
@@ -63,6 +64,7 @@ class LoopCore:
         parameters: Flat parameters of the cycle function.
         watch: Time-outs; the heartbeat is watched from the application's first sign of life on.
         recording: Where the records go, or None.
+        trace: Where the timing of each cycle goes, or None.
         law: The user's control law, or None.
         step: The cycle function.
         session_state: Device state that the loop needs; another one trips.
@@ -78,6 +80,7 @@ class LoopCore:
         parameters: list[float],
         watch: WatchOptions,
         recording: Recording | None = None,
+        trace: Trace | None = None,
         law: LawRunner | None = None,
         step: CycleFunction = cycle.cycle,
         session_state: str = "force",
@@ -91,6 +94,7 @@ class LoopCore:
         self._p = parameters
         self._watch = watch
         self._recording = recording
+        self._trace = trace
         self._law = law
         self._step = step
         self._session_state = session_state
@@ -297,7 +301,7 @@ class LoopCore:
         )  # fmt: skip
         words[_CYCLES] = grid.cycles
         words[_MISSED] = grid.missed
-        words[_LENGTH] = grid.index + 1
+        words[_LENGTH] = grid.length
         words[_EXCHANGES] = self._exchange.requests
         execution_ns = self._now_ns() - grid.wake_ns
         if self._recording is not None:
@@ -308,6 +312,8 @@ class LoopCore:
         segment.execution.record(execution_ns)
         segment.exchange.record(exchange_ns)
         segment.response.record(response_ns)
+        if self._trace is not None and not grid.skipped:
+            self._trace.record(grid.index, grid.lateness_ns, response_ns)
         if response_ns > self._soft_ns:
             words[_SOFT_OVERRUNS] += 1
 

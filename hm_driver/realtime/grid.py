@@ -69,11 +69,13 @@ class Grid:
         clock: Clock that the deadlines are on.
         period_ns: Distance between deadlines [ns].
         start_ns: Deadline 0 [ns]; None for the time of the first ``wait``.
+        first: Number of the first deadline to wait for, of a grid that began before.
         spin: Spin margin; None sleeps up to the deadline.
     """
 
     __slots__ = (
         "_clock",
+        "_first",
         "_spin",
         "_start_ns",
         "cycles",
@@ -89,13 +91,20 @@ class Grid:
     )
 
     def __init__(
-        self, clock: Clock, period_ns: int, *, start_ns: int | None = None, spin: SpinMargin | None = None
+        self,
+        clock: Clock,
+        period_ns: int,
+        *,
+        start_ns: int | None = None,
+        first: int = 0,
+        spin: SpinMargin | None = None,
     ) -> None:
         self._clock = clock
         self._spin = spin
         self._start_ns = start_ns
         self.period_ns = period_ns
-        self.index = -1
+        self._first = first
+        self.index = first - 1
         """Number of the present deadline, from 0."""
         self.deadline_ns = 0
         """The present deadline [ns]: the last one at or before the wake-up."""
@@ -117,7 +126,7 @@ class Grid:
     @property
     def length(self) -> int:
         """Deadlines passed so far; cycles + missed by construction."""
-        return self.index + 1
+        return self.index + 1 - self._first
 
     def wait(self) -> int:
         """Wait for the next deadline; returns the number of periods that had to be skipped."""

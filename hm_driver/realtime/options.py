@@ -92,6 +92,8 @@ class LoopOptions:
     """A control law of the user, ``module:Class``; empty for none."""
     ring: str = ""
     """Path of the shared block whose ring takes a record a cycle; empty for none."""
+    trace: str = ""
+    """Path of the shared block whose trace takes the timing of each cycle; empty for none."""
     epoch_ns: int = 0
     """Unix time minus the loop's clock [ns]: what makes times of the log out of times of the clock."""
     has_guardian: bool = True

@@ -18,6 +18,7 @@ from hm_driver.realtime.options import LoopOptions
 from hm_driver.realtime.scheduling import Granted, Rung, enter_realtime, prepare_process
 from hm_driver.realtime.segment import GuardianStatus, Segment, Status, Word
 from hm_driver.realtime.shared import SharedBlock
+from hm_driver.realtime.trace import Trace
 from hm_driver.recording.ring import Ring
 
 _GUARDIAN_WAIT_S = 5.0
@@ -61,6 +62,7 @@ class _Run:
         law = load_law(options.law, period_ns=period_ns) if options.law else None
         with ExitStack() as stack:
             recording = self._open_recording(stack)
+            trace = self._open_trace(stack)
             stack.enter_context(DeviceClaim(options.url))
             link = connect_link(options.url, timeout_s=options.connect_timeout_s)
             stack.callback(link.close)
@@ -85,6 +87,7 @@ class _Run:
                     parameters=options.parameters(),
                     watch=options.watch,
                     recording=recording,
+                    trace=trace,
                     law=law,
                 )
                 self._cycle(core)
@@ -105,6 +108,14 @@ class _Run:
         ring = Ring(memoryview(block.buffer))
         stack.callback(ring.close)
         return Recording(ring, self._options.epoch_ns)
+
+    def _open_trace(self, stack: ExitStack) -> Trace | None:
+        if not self._options.trace:
+            return None
+        block = stack.enter_context(SharedBlock.attach(self._options.trace))
+        trace = Trace(block.buffer)
+        stack.callback(trace.close)
+        return trace
 
     def _bring_up(self, link: CommandLink) -> None:
         options, segment = self._options, self._segment

@@ -77,6 +77,13 @@ def test_a_cycle_that_is_late_by_less_than_a_period_is_run_late_and_not_missed()
     assert (grid.index, grid.lateness_ns) == (1, 500_000)
 
 
+def test_a_grid_that_began_before_is_joined_at_a_later_deadline():
+    clock = VirtualClock(12 * MS + 1)
+    grid = Grid(clock, MS, start_ns=10 * MS, first=3)
+    assert grid.wait() == 0
+    assert (grid.index, grid.deadline_ns, grid.length, grid.missed) == (3, 13 * MS, 1, 0)
+
+
 def test_the_grid_starts_at_its_first_wait_where_no_start_is_given():
     clock = VirtualClock(123)
     grid = Grid(clock, MS)
