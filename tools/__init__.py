@@ -1,0 +1,1 @@
+"""What puts the other packages together: the ``hm`` command, sessions, live view, reports, checks."""

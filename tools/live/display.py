@@ -1,5 +1,6 @@
 """The drawing process: statuses come in on standard input, pictures go out on standard error."""
 
+import contextlib
 import os
 import select
 import signal
@@ -31,7 +32,7 @@ def main(arguments: list[str]) -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for ending in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(ending, _end)
-    os.nice(_NICENESS)
+    _step_back()
     screen = _open_screen(plain="--plain" in arguments)
     try:
         for statuses in _arrivals(parent=int(arguments[0])):
@@ -43,8 +44,16 @@ def main(arguments: list[str]) -> int:
     return 0
 
 
-class _Ended(Exception):  # noqa: N818 - a signal that asks to end is no error
-    pass
+def _step_back() -> None:
+    """Whatever scheduling the session has been granted, its picture comes last."""
+    with contextlib.suppress(OSError, AttributeError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    with contextlib.suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, 0, max(_NICENESS, os.getpriority(os.PRIO_PROCESS, 0)))
+
+
+class _Ended(Exception):
+    """A signal asked to end."""
 
 
 def _end(_signal: int, _frame: FrameType | None) -> None:
