@@ -252,7 +252,7 @@ class LWR:
             raise TypeError(
                 f"query() is for two inputs and one output, not {self.n_inputs} and {self.n_outputs}"
             )
-        result: tuple[float, float] = kernels.query_2d(self._table, self._state, x0, x1)
+        result: tuple[float, float] = kernels.query_2d(self._table, self._state, float(x0), float(x1))
         return result
 
     def remove(self, which: ArrayLike) -> int:
