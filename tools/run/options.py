@@ -10,6 +10,7 @@ from enum import Enum
 import numpy as np
 
 from hm_driver.errors import ConfigurationError
+from hm_driver.geometry import ArmGeometry
 from hm_driver.realtime.modes import LimitOptions, ModeOptions
 from hm_driver.realtime.options import TimingOptions, WatchOptions
 from teaching.accumulator import Accumulator
@@ -118,6 +119,7 @@ class TeachOptions:
     accumulation: AccumulationOptions = field(default_factory=AccumulationOptions)
     session: SessionOptions = field(default_factory=SessionOptions)
     demonstrator: DemonstratorOptions = field(default_factory=DemonstratorOptions)
+    geometry: ArmGeometry = field(default_factory=ArmGeometry)
     modes: ModeOptions = field(default_factory=ModeOptions)
     limits: LimitOptions = field(default_factory=LimitOptions)
     timing: TimingOptions = field(default_factory=TimingOptions)
