@@ -13,7 +13,7 @@ from hm_driver import errors
 from hm_driver.version import __version__
 from tools.cli.console import write_json, write_table
 from tools.cli.failures import ExitCode, exit_code, show_failure
-from tools.cli.main import application, run
+from tools.cli.main import run
 
 HM = [sys.executable, "-m", "tools.cli.main"]
 CODES = [
@@ -106,17 +106,17 @@ def test_what_a_command_returns_is_its_exit_code(result, code):
     ],
 )
 def test_a_wrong_command_line_is_refused_with_code_2_and_a_hint(capsys, words, told):
-    assert run(words, application()) == ExitCode.USAGE
+    assert run(words) == ExitCode.USAGE
     assert told in capsys.readouterr().err
 
 
 def test_config_show_prints_a_file_that_gives_the_same_configuration(tmp_path, capsys):
-    assert run(["config", "show", "--set", "learner.w_gen=0.7"], application()) == 0
+    assert run(["config", "show", "--set", "learner.w_gen=0.7"]) == 0
     first = capsys.readouterr().out
     assert "w_gen = 0.7  # [command line]" in first
     path = tmp_path / "hm.toml"
     path.write_text(first)
-    assert run(["config", "show", "--config", str(path), "--json"], application()) == 0
+    assert run(["config", "show", "--config", str(path), "--json"]) == 0
     shown = json.loads(capsys.readouterr().out)
     assert shown["values"]["learner"]["w_gen"] == 0.7
     assert shown["sources"]["learner.w_gen"] == str(path)
@@ -125,7 +125,7 @@ def test_config_show_prints_a_file_that_gives_the_same_configuration(tmp_path, c
 def test_help_and_version_need_none_of_the_heavy_packages():
     script = (
         "import sys; from tools.cli.main import application, run\n"
-        "assert run(['--help'], application()) == 0 and run(['--version'], application()) == 0\n"
+        "assert run(['--help']) == 0 and run(['--version']) == 0\n"
         "heavy = {'numpy', 'numba', 'scipy', 'matplotlib', 'mcap', 'google.protobuf', 'can', 'serial'}\n"
         "sys.exit(' '.join(heavy & set(sys.modules)) or 0)\n"
     )
@@ -137,8 +137,15 @@ def test_help_and_version_need_none_of_the_heavy_packages():
     assert done.stdout.splitlines()[-1] == f"hm {__version__}"
 
 
+def test_the_help_of_a_command_is_its_docstring_and_the_list_has_one_line_each(capsys):
+    assert run(["config", "show", "--help"]) == 0
+    assert "Behind each value stands what it means" in capsys.readouterr().out
+    assert run(["config", "--help"]) == 0
+    assert "Behind each value" not in capsys.readouterr().out
+
+
 def test_every_command_names_itself_in_the_help(capsys):
-    assert run(["--help"], application()) == 0
+    assert run(["--help"]) == 0
     shown = capsys.readouterr().out
     for command in ("teach", "emulate", "report", "config", "log", "--version"):
         assert command in shown
@@ -176,7 +183,7 @@ def test_a_request_to_end_unwinds_the_command_and_returns_130(ending):
         "    app = App(suppress_keyboard_interrupt=False, result_action='return_value')\n"
         "    app.default(wait)\n"
         "    return app\n"
-        "main.application = application\n"
+        "main.application = lambda words: application()\n"
         "sys.argv = ['hm']\n"
         "main.main()\n"
     )

@@ -4,7 +4,7 @@ import pytest
 
 from hm_driver.recording.schemas import DEVICE_CHANNELS, DEVICE_STATE, DEVICE_STATE_CHANNEL
 from hm_driver.recording.writer import Attachment, LogWriter
-from tools.cli.main import application, run
+from tools.cli.main import run
 
 EPOCH_NS = 1_800_000_000_000_000_000
 CYCLES = 2001
@@ -35,14 +35,14 @@ def cut(log):
 
 
 def test_info_tells_time_topics_rates_and_attachments(log, capsys):
-    assert run(["log", "info", str(log)], application()) == 0
+    assert run(["log", "info", str(log)]) == 0
     told = capsys.readouterr().out
     for part in ("2.00 s", "whole     yes", "2001 messages  1000.0 Hz", "config.toml", "session.seed"):
         assert part in told
 
 
 def test_info_as_json_is_one_object_with_the_same_figures(log, capsys):
-    assert run(["log", "info", str(log), "--json"], application()) == 0
+    assert run(["log", "info", str(log), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["is_whole"] is True
     assert told["damage"] is None
@@ -54,14 +54,14 @@ def test_info_as_json_is_one_object_with_the_same_figures(log, capsys):
 
 @pytest.mark.filterwarnings("ignore:.*is not whole")
 def test_a_cut_log_is_called_so_and_recovered_into_a_whole_one(cut, capsys):
-    assert run(["log", "info", str(cut)], application()) == 0
+    assert run(["log", "info", str(cut)]) == 0
     assert "whole     no" in capsys.readouterr().out
     target = cut.with_name("whole.mcap")
-    assert run(["log", "recover", str(cut), str(target)], application()) == 0
+    assert run(["log", "recover", str(cut), str(target)]) == 0
     told = capsys.readouterr()
     assert "messages in" in told.out
     assert "left out" in told.err
-    assert run(["log", "info", str(target), "--json"], application()) == 0
+    assert run(["log", "info", str(target), "--json"]) == 0
     saved = json.loads(capsys.readouterr().out)
     assert saved["is_whole"] is True
     assert 0 < saved["messages"] <= CYCLES
@@ -72,12 +72,12 @@ def test_what_is_no_log_is_refused_with_code_1(tmp_path, capsys, content):
     path = tmp_path / "other.mcap"
     if content is not None:
         path.write_bytes(content)
-    assert run(["log", "info", str(path)], application()) == 1
+    assert run(["log", "info", str(path)]) == 1
     assert "other.mcap" in capsys.readouterr().err
 
 
 def test_recovery_never_writes_over_a_file(log, capsys):
     before = log.read_bytes()
-    assert run(["log", "recover", str(log), str(log)], application()) == 1
+    assert run(["log", "recover", str(log), str(log)]) == 1
     assert log.read_bytes() == before
     assert "session.mcap" in capsys.readouterr().err

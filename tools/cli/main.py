@@ -22,9 +22,27 @@ Exit codes: 0 ok, 1 a check or a command failed, 2 usage, 3 device fault, 130 in
 Anywhere on the line, --debug adds the traceback of an error.
 """
 
+_GROUPS = {
+    "config": "The configuration of a teaching session.",
+    "log": "What sessions have recorded.",
+}
+_COMMANDS = {
+    "teach": ("tools.cli.teach:teach", "Teach the arm a task: human and robot share control."),
+    "emulate": ("tools.cli.emulate:emulate", "Be a HapticMASTER on a TCP port."),
+    "report": ("tools.cli.report:report", "Write the report of a session from its log."),
+    "config show": ("tools.cli.config:show", "Print it, with the source of each value."),
+    "log info": ("tools.cli.log:info", "Say what a log holds."),
+    "log recover": ("tools.cli.log:recover", "Make a damaged log readable."),
+}
 
-def application() -> App:
-    """The tree of commands; nothing of it is imported before it is run."""
+
+def application(words: Sequence[str] = ()) -> App:
+    """The tree of commands; none of them is imported before it is run.
+
+    Args:
+        words: The command line. The command that it names explains itself by its docstring; in a list a
+            command has one line, known without importing it.
+    """
     app = App(
         name="hm",
         help=_HELP,
@@ -33,27 +51,29 @@ def application() -> App:
         result_action="return_value",
         suppress_keyboard_interrupt=False,
     )
-    for name, target, text in (
-        ("teach", "tools.cli.teach:teach", "Teach the arm a task: human and robot share control."),
-        ("emulate", "tools.cli.emulate:emulate", "Be a HapticMASTER on a TCP port."),
-        ("report", "tools.cli.report:report", "Write the report of a session from its log."),
-    ):
-        app.command(target, name=name, help=text)
-    config = App(name="config", help="The configuration of a teaching session.")
-    config.command("tools.cli.config:show", name="show", help="Print it, with the source of each value.")
-    app.command(config)
-    log = App(name="log", help="What sessions have recorded.")
-    log.command("tools.cli.log:info", name="info", help="Say what a log holds.")
-    log.command("tools.cli.log:recover", name="recover", help="Make a damaged log readable.")
-    app.command(log)
+    groups = {"": app}
+    for name, text in _GROUPS.items():
+        groups[name] = App(name=name, help=text)
+        app.command(groups[name])
+    for path, (target, text) in _COMMANDS.items():
+        group, _, name = path.rpartition(" ")
+        is_named = list(words[: len(path.split())]) == path.split()
+        groups[group].command(target, name=name, help=None if is_named else text)
     return app
 
 
-def run(words: Sequence[str], app: App) -> int:
-    """Run one command line and return its exit code; errors are told on standard error."""
+def run(words: Sequence[str], app: App | None = None) -> int:
+    """Run one command line and return its exit code; errors are told on standard error.
+
+    Args:
+        words: The command line, without the program's name.
+        app: The commands; by default those of ``hm``.
+    """
     debug = _DEBUG in words
+    words = [word for word in words if word != _DEBUG]
+    app = application(words) if app is None else app
     try:
-        result = app([word for word in words if word != _DEBUG], exit_on_error=False, print_error=False)
+        result = app(words, exit_on_error=False, print_error=False)
         sys.stdout.flush()
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - the outermost command tells every error
         if debug:
@@ -71,7 +91,7 @@ def main() -> None:
     for ending in ("SIGTERM", "SIGHUP"):
         _interrupt_on(ending)
     warnings.showwarning = _show_warning
-    sys.exit(run(sys.argv[1:], application()))
+    sys.exit(run(sys.argv[1:]))
 
 
 def _interrupt_on(name: str) -> None:
