@@ -49,8 +49,8 @@ class FaultKind:
 KINDS: dict[str, FaultKind] = {
     "reply_delay": FaultKind(doc="every reply waits", size=1, unit="s", high=60.0),
     "reply_jitter": FaultKind(doc="every reply waits a random time", size=1, unit="s", high=60.0),
-    "reply_lost": FaultKind(doc="a reply is never sent, with this probability", size=1, high=1.0),
-    "reply_corrupted": FaultKind(doc="a reply has a wrong bit, by this probability", size=1, high=1.0),
+    "reply_lost": FaultKind(doc="a reply is never sent, this often", size=1, high=1.0),
+    "reply_corrupted": FaultKind(doc="a reply has a wrong bit, this often", size=1, high=1.0),
     "reply_error": FaultKind(doc="a command is answered by an error, this often", size=1, high=1.0),
     "reply_split": FaultKind(doc="the second half of every reply comes later", size=1, unit="s", high=10.0),
     "reply_merged": FaultKind(doc="replies wait until there are as many", size=1, low=2.0, high=16.0),

@@ -89,7 +89,7 @@ REQUESTABLE: tuple[State, ...] = tuple(state for state in State if state is not 
 """The states that a client may ask for with ``set state``."""
 
 
-class StateRefused(ValueError):  # noqa: N818 - named for what happened; the interpreter turns it into a reply
+class StateRefused(ValueError):
     """A request for a state that the table does not allow now; the text says what would be accepted."""
 
 

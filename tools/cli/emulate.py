@@ -1,0 +1,94 @@
+"""``hm emulate``: be a HapticMASTER on a TCP port."""
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from tools.cli.console import tell, write
+from tools.cli.failures import ExitCode
+
+_SWITCH = Parameter(negative="")
+
+
+def emulate(
+    *,
+    listen: str = "tcp://127.0.0.1:7654",
+    world: str = "tcp://127.0.0.1:0",
+    config: Path | None = None,
+    seed: int = 0,
+    speed: float = 1.0,
+    init_seconds: float = 3.0,
+    on_client_lost: Literal["continue", "stop"] = "continue",
+    faults: Path | None = None,
+    log: Path | None = None,
+    lockstep: Annotated[bool, _SWITCH] = False,
+    quiet: Annotated[bool, _SWITCH] = False,
+) -> int:
+    """Be a HapticMASTER: programs that talk to the robot can talk to this instead.
+
+    The first line on standard output is the address of the device, the second that of the world endpoint,
+    where a hand takes hold of the arm. A status line goes to standard error every second. Ctrl-C ends it.
+
+    Args:
+        listen: Address for the device's clients; port 0 for a free one. Anything but loopback is open to
+            the network, without a password, as the robot is.
+        world: Address for the hand; port 0 for a free one.
+        config: TOML file with constants of the arm, in the form of emulator/arm.toml; it may hold any part.
+        seed: Seed of the sensors' noise and of random faults.
+        speed: Device seconds a wall second, 0.001 to 100.
+        init_seconds: Time that state init takes [s].
+        on_client_lost: What the arm does when a client that commanded is gone.
+        faults: TOML file with a schedule of faults, see emulator/faults.py.
+        log: File for the conversation, one JSON object a line.
+        lockstep: Let time pass only on request of the world endpoint.
+        quiet: No status lines.
+    """
+    from emulator.process import Emulator, EmulatorOptions
+
+    options = EmulatorOptions(
+        listen=listen,
+        world=world,
+        config=config,
+        seed=seed,
+        speed=speed,
+        init_seconds=init_seconds,
+        on_client_lost=on_client_lost,
+        faults=faults,
+        log=log,
+        lockstep=lockstep,
+    )
+    tell("starting; the first start compiles the arm's model, which takes up to half a minute")
+    try:
+        with Emulator(options, on_message=None if quiet else _tell_status) as emulator:
+            write(emulator.url)
+            write(emulator.world_url)
+            sys.stdout.flush()
+            tell(f"scheduling: {emulator.scheduling}")
+            emulator.wait()
+            code = emulator.exit_code
+    except KeyboardInterrupt:
+        tell("ended")
+        return ExitCode.INTERRUPTED
+    if code:
+        tell(f"the emulator's process ended with exit code {code}")
+        return ExitCode.FAILED
+    return ExitCode.OK
+
+
+def _tell_status(message: Mapping[str, Any]) -> None:
+    if "status" not in message:
+        return
+    status = message["status"]
+    clients = "1 client" if status["clients"] == 1 else f"{status['clients']} clients"
+    line = (
+        f"{status['time_s']:10.1f} s  {status['state']:8}  {clients}  {status['requests']} requests  "
+        f"{status['refused']} refused  {status['missed']} missed periods  load {100.0 * status['load']:.0f} %"
+    )
+    if sys.stderr.isatty():
+        sys.stderr.write(f"\r{line}\x1b[K")
+        sys.stderr.flush()
+    else:
+        tell(line)
