@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from hm_driver.errors import DeviceError, ProtocolError, TransportClosed, TransportError, TransportTimeout
-from hm_driver.protocol.framing import Dialect, ReplyDecoder, encode_request
+from hm_driver.protocol.framing import MAX_REPLY_LENGTH, Dialect, ReplyDecoder, encode_request
 from hm_driver.protocol.replies import is_error, parse_number, parse_word, split_parts
 from hm_driver.protocol.vocabulary import ERROR_MARK
 from hm_driver.transport.contract import LinkStatistics, Transport
@@ -98,6 +98,29 @@ class CommandLink:
             raise DeviceError(*_find_refused(request, reply))
         return reply
 
+    def exchange_line(self, line: bytes) -> bytes:
+        """Exchange one line of the text dialect as it stands on the wire; the loop's short way.
+
+        The line and the reply carry their line end. Nothing else is looked at: neither the dialect, nor what
+        the reply says, nor whether another thread uses the link.
+
+        Raises:
+            ProtocolError: What came is not one line; the link is broken.
+            TransportTimeout: No reply in time; the link is broken.
+            TransportClosed: The peer is gone, or the link was broken before.
+        """
+        if self._broken_by:
+            raise TransportClosed(f"{self.url}: the link is closed ({self._broken_by}); reconnect")
+        try:
+            self._transport.send(line)
+            reply = self._transport.receive(self.timeout_s)
+            if reply.find(b"\n") != len(reply) - 1:
+                reply = self._complete_line(reply)
+        except (TransportError, ProtocolError) as error:
+            self._break(str(error))
+            raise
+        return reply
+
     def exchange_joined(
         self, request: str, expected_parts: int, *, timeout_s: float | None = None
     ) -> list[str]:
@@ -181,6 +204,17 @@ class CommandLink:
     def _break(self, reason: str) -> None:
         self._broken_by = self._broken_by or reason
         self._transport.close()
+
+    def _complete_line(self, reply: bytes) -> bytes:
+        deadline = time.monotonic() + self.timeout_s
+        while b"\n" not in reply:
+            remaining_s = deadline - time.monotonic()
+            if remaining_s <= 0.0 or len(reply) > MAX_REPLY_LENGTH:
+                raise TransportTimeout(f"{self.url}: the reply was not complete within {self.timeout_s:g} s")
+            reply += self._transport.receive(remaining_s)
+        if reply.find(b"\n") != len(reply) - 1:
+            raise ProtocolError(f"{self.url}: more than one reply to one request", received=repr(reply[:200]))
+        return reply
 
     def _receive_reply(self, timeout_s: float) -> str:
         deadline = time.monotonic() + timeout_s

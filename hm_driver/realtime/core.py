@@ -28,7 +28,7 @@ _CYCLES, _MISSED, _LENGTH = int(Word.CYCLES), int(Word.MISSED), int(Word.GRID_LE
 _EXCHANGES, _SOFT_OVERRUNS = int(Word.EXCHANGES), int(Word.SOFT_OVERRUNS)
 
 _STATE_EVERY_S = 0.02
-_MISSED_SHARE = 0.05
+_MISSED_SHARE = 0.5
 _LIMITS = {
     cycle.TRIP_DATA: (Trip.DATA, "the device sent a number that is not finite"),
     cycle.TRIP_WORKSPACE: (Trip.WORKSPACE, "a joint is beyond its end stop and the margin"),

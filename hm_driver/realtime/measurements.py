@@ -1,51 +1,55 @@
-"""From a device's replies to nine numbers, by the shortest way that still refuses what is malformed."""
+"""One cycle's exchange with the device, by the shortest way that still refuses what is malformed."""
 
 from typing import Protocol
 
-from hm_driver.errors import ProtocolError
+from hm_driver.errors import DeviceError, ProtocolError
 from hm_driver.protocol.replies import parse_word
+from hm_driver.protocol.vocabulary import ERROR_MARK
 
 QUESTIONS = ("get measpos", "get measvel", "get measforce")
 """What is asked in each cycle, in the order of the cycle function's measurement."""
 STATE_QUESTION = "get state"
+_ERROR_MARK = ERROR_MARK.encode()
 
 
 class CycleLink(Protocol):
-    """What the loop needs of a connection: one command out, one reply back, errors as exceptions.
+    """What the loop needs of a connection: one request out, one reply back, errors as exceptions.
 
-    ``exchange`` raises `hm_driver.errors.DeviceError` where the device refuses a command, and
-    `hm_driver.errors.TransportError` where the peer is silent or gone.
+    Both ways raise `hm_driver.errors.TransportError` where the peer is silent or gone.
     """
 
     combined: bool
-    """Whether one request may hold several commands, joined by ``;``."""
+    """Whether one request may hold several commands, joined by ``;``; the text dialect then."""
 
-    def exchange(self, command: str) -> str:
-        """Send a command, or several joined by ``;``, and return the whole reply."""
+    def exchange(self, request: str) -> str:
+        """Send a command and return its reply; raises `hm_driver.errors.DeviceError` where it is refused."""
+        ...
+
+    def exchange_line(self, line: bytes) -> bytes:
+        """Send a line of the text dialect, return the line that answers it, refusals included."""
         ...
 
 
-def parse_measurement(text: str, measurement: list[float]) -> None:
-    """Read ``[x,y,z];[x,y,z];[x,y,z]`` into nine floats in place.
+def parse_measurement(text: bytes, measurement: list[float]) -> None:
+    """Read ``x,y,z];[x,y,z];[x,y,z``, without the outer brackets, into nine floats in place.
 
     Infinities and NaN pass: the cycle function trips on them.
 
     Raises:
         ProtocolError: Anything but three vectors of three numbers.
     """
-    if text[:1] == "[" and text[-1:] == "]":
-        try:
-            values = list(map(float, text[1:-1].replace("];[", ",").split(",")))
-        except ValueError:
-            values = []
-        if len(values) == 9 and text.count("];[") == 2:
-            measurement[:] = values
-            return
-    raise ProtocolError(f"reply {text[:100]!r} is not [x,y,z];[x,y,z];[x,y,z]", received=text)
+    try:
+        values = list(map(float, text.replace(b"];[", b",").split(b",")))
+    except ValueError:
+        values = []
+    if len(values) != 9 or text.count(b"];[") != 2:
+        shown = text[:100].decode(errors="replace")
+        raise ProtocolError(f"'[{shown}]' is not [x,y,z];[x,y,z];[x,y,z]", received=shown)
+    measurement[:] = values
 
 
 class Exchange:
-    """One cycle's exchange with the device.
+    """One cycle's exchange.
 
     A link that combines takes one request: the changes, then the questions. Otherwise each command is a
     request of its own.
@@ -54,13 +58,12 @@ class Exchange:
         link: Connection of the loop.
     """
 
-    __slots__ = ("_exchange", "_is_combined", "_questions", "_questions_and_state", "requests", "state")
+    __slots__ = ("_is_combined", "_link", "_tails", "requests", "state")
 
     def __init__(self, link: CycleLink) -> None:
-        self._exchange = link.exchange
+        self._link = link
         self._is_combined = link.combined
-        self._questions = "; ".join(QUESTIONS)
-        self._questions_and_state = "; ".join((*QUESTIONS, STATE_QUESTION))
+        self._tails = ("; ".join(QUESTIONS) + "\n", "; ".join((*QUESTIONS, STATE_QUESTION)) + "\n")
         self.requests = 0
         """Requests sent so far."""
         self.state = ""
@@ -82,27 +85,38 @@ class Exchange:
         if not self._is_combined:
             self._run_one_by_one(changes, measurement, ask_state=ask_state)
             return
-        questions = self._questions_and_state if ask_state else self._questions
-        request = "; ".join((*changes, questions)) if changes else questions
+        tail = self._tails[ask_state]
+        line = f"{'; '.join(changes)}; {tail}".encode() if changes else tail.encode()
         self.requests += 1
-        reply = self._exchange(request)
-        count = len(changes)
-        if reply.count(";") != count + (4 if ask_state else 3):
-            raise ProtocolError(
-                f"reply {reply[:100]!r} has not one part for each command of {request!r}", received=reply
-            )
-        end = reply.rfind("]")
-        parse_measurement(reply[reply.find("[") : end + 1], measurement)
+        reply = self._link.exchange_line(line)
+        if _ERROR_MARK in reply:
+            raise DeviceError(*_find_refused(line, reply))
+        if reply.count(b";") != len(changes) + 3 + ask_state:
+            shown = reply[:100].decode(errors="replace")
+            raise ProtocolError(f"reply {shown!r} has not one part for each command", received=shown)
+        end = reply.rfind(b"]")
+        parse_measurement(reply[reply.find(b"[") + 1 : end], measurement)
         if ask_state:
-            self.state = reply[end + 2 :].rstrip(";")
+            self.state = reply[end + 2 :].decode(errors="replace").rstrip("; \r\n")
 
     def _run_one_by_one(self, changes: list[str], measurement: list[float], *, ask_state: bool) -> None:
         for command in changes:
             self._ask(command)
-        parse_measurement(";".join([self._ask(question) for question in QUESTIONS]), measurement)
+        vectors = ";".join([self._ask(question) for question in QUESTIONS])
+        if vectors[:1] + vectors[-1:] != "[]":
+            raise ProtocolError(f"reply {vectors[:100]!r} is not three vectors", received=vectors)
+        parse_measurement(vectors[1:-1].encode(), measurement)
         if ask_state:
             self.state = parse_word(self._ask(STATE_QUESTION))
 
     def _ask(self, command: str) -> str:
         self.requests += 1
-        return self._exchange(command).rstrip(";")
+        return self._link.exchange(command).rstrip(";")
+
+
+def _find_refused(line: bytes, reply: bytes) -> tuple[str, str]:
+    """The command of a request that was refused, and its reply."""
+    for command, part in zip(line.split(b"; "), reply.split(b";"), strict=False):
+        if _ERROR_MARK in part:
+            return command.decode().strip(), part.decode(errors="replace")
+    return line.decode().strip(), reply.decode(errors="replace").strip()

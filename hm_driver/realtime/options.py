@@ -46,8 +46,8 @@ class WatchOptions:
     """Silence of the device after which the link counts as lost [s]."""
     freeze_s: float = 0.05
     """Silence of the loop after which the guardian stops the device [s]."""
-    missed_s: float = 0.1
-    """Missed periods at once, or in excess of 1 in 20, that trip [s]."""
+    missed_s: float = 0.25
+    """Missed periods at once, or in excess of every other one, that trip [s]."""
     stale_s: float = 0.0
     """Time without a change in any digit of the measurements that trips [s]."""
     ramp_s: float = 0.01

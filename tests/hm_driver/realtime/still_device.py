@@ -49,6 +49,14 @@ class StillDevice:
                 raise DeviceError(command, part)
         return "".join(f"{part};" for part in parts)
 
+    def exchange_line(self, line: bytes) -> bytes:
+        """As `CommandLink.exchange_line`."""
+        if self.failure is not None:
+            raise self.failure
+        request = line.decode().rstrip("\n")
+        self.requests.append(request)
+        return "".join(f"{self.answer(command)};" for command in request.split("; ")).encode() + b"\n"
+
     def answer(self, command: str) -> str:
         if self.refused and self.refused in command:
             return "--- ERROR unknown"

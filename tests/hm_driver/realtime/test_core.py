@@ -213,7 +213,7 @@ def test_a_device_that_leaves_the_state_force_trips():
 
 def test_too_many_missed_periods_trip_and_a_few_do_not():
     bench = Bench()
-    for stall_ms, tripped in ((30, False), (30, False), (120, True)):
+    for stall_ms, tripped in ((30, False), (30, False), (270, True)):
         bench.run(5)
         bench.clock.sleep_until_ns(bench.clock.now_ns() + stall_ms * MS)
         bench.run(20)
@@ -273,12 +273,21 @@ def test_a_law_that_returns_nan_trips():
     assert bench.segment.trip is Trip.LAW
 
 
-@pytest.mark.parametrize(
-    "text", ["", "[1,2,3]", "[1,2,3];[4,5,6];[7,8]", "[1,2,3,4];[5,6];[7,8,9]x", "1;2;3"]
-)
+@pytest.mark.parametrize("text", [b"", b"1,2,3", b"1,2,3];[4,5,6];[7,8", b"1,2,3,4];[5,6];[7,8,9x", b"1;2"])
 def test_a_malformed_measurement_is_refused(text):
     with pytest.raises(ProtocolError):
         parse_measurement(text, [0.0] * 9)
+
+
+@pytest.mark.parametrize(
+    "reply", [b"[0,0,0];[0,0,0];\n", b"done;[0,0,0];[0,0,0];[0,0,0];\n", b"\n", b"stop;a;b;\n"]
+)
+def test_a_reply_with_other_parts_than_were_asked_for_trips(reply):
+    bench = Bench()
+    bench.run(3)
+    bench.device.exchange_line = lambda line: reply  # noqa: ARG005  # the device answers this to everything
+    bench.run(3)
+    assert bench.segment.trip is Trip.DEVICE
 
 
 def test_bring_up_initialises_a_device_that_is_not_calibrated():

@@ -1,0 +1,53 @@
+import pytest
+
+from hm_driver.device.link import CommandLink
+from hm_driver.errors import ProtocolError, TransportClosed, TransportTimeout
+from hm_driver.protocol.framing import Dialect
+
+
+class Pieces:
+    """A transport that hands out prepared pieces of replies."""
+
+    url = "pieces:"
+
+    def __init__(self, *pieces):
+        self.pieces = list(pieces)
+        self.sent = []
+        self.is_closed = False
+
+    def send(self, data):
+        self.sent.append(data)
+
+    def receive(self, timeout_s):
+        if not self.pieces:
+            raise TransportTimeout(f"no byte within {timeout_s} s")
+        return self.pieces.pop(0)
+
+    def close(self):
+        self.is_closed = True
+
+
+def test_a_line_goes_out_and_comes_back_as_it_stands_on_the_wire():
+    transport = Pieces(b"stop;\n")
+    assert CommandLink(transport, Dialect.TEXT).exchange_line(b"get state\n") == b"stop;\n"
+    assert transport.sent == [b"get state\n"]
+
+
+def test_a_line_that_comes_in_pieces_is_joined():
+    assert CommandLink(Pieces(b"st", b"op", b";\n"), Dialect.TEXT).exchange_line(b"get state\n") == b"stop;\n"
+
+
+def test_a_line_that_does_not_end_breaks_the_link():
+    link = CommandLink(Pieces(b"st"), Dialect.TEXT)
+    with pytest.raises(TransportTimeout):
+        link.exchange_line(b"get state\n")
+    assert link.is_broken
+    with pytest.raises(TransportClosed):
+        link.exchange_line(b"get state\n")
+
+
+def test_two_lines_to_one_request_break_the_link():
+    link = CommandLink(Pieces(b"stop;\nstop;\n"), Dialect.TEXT)
+    with pytest.raises(ProtocolError, match="more than one"):
+        link.exchange_line(b"get state\n")
+    assert link.is_broken
