@@ -281,7 +281,7 @@ class EmulatorServer:
         if self._log is not None:
             self._note(connection, ">", request)
             self._note(connection, "<", reply.decode("ascii", "replace"))
-        if self._faults.link.is_active:
+        if self._faults.link.is_active or connection.late:
             self._send_faulty(connection, reply, dialect)
         else:
             self._send(connection, reply)

@@ -23,7 +23,13 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol
 from urllib.parse import urlsplit
 
-from hm_driver.errors import ConfigurationError, TransportClosed, TransportError, TransportTimeout
+from hm_driver.errors import (
+    ConfigurationError,
+    HapticMasterError,
+    TransportClosed,
+    TransportError,
+    TransportTimeout,
+)
 
 Vector = tuple[float, float, float]
 Hand = Mapping[str, Sequence[float]]
@@ -55,7 +61,7 @@ class Truth(NamedTuple):
     """Kinds of the injected faults that are active."""
 
 
-class WorldError(ValueError):
+class WorldError(HapticMasterError, ValueError):
     """A request to the world endpoint was refused; the text says what would be accepted."""
 
 
@@ -115,9 +121,7 @@ class WorldClient:
             WorldError: The endpoint refused the request.
             TransportError: No reply in time, or the connection is lost.
         """
-        return self._ask(
-            {"hand": None if hand is None else {name: list(value) for name, value in hand.items()}}
-        )
+        return self._ask({"hand": hand})
 
     def observe(self) -> Truth:
         """What is true now, without touching the arm; raises as `exchange` does."""
@@ -163,7 +167,7 @@ class WorldClient:
         if self._is_closed:
             raise TransportClosed(f"the connection to the world endpoint {self.url} was closed")
         try:
-            self._socket.sendall(json.dumps(request).encode() + b"\n")
+            self._socket.sendall(json.dumps(request, default=list).encode() + b"\n")
             reply = json.loads(self._receive_line())
         except TimeoutError as error:
             self.close()

@@ -61,7 +61,7 @@ class WorldService:
         try:
             request = _parse_object(line)
             truth = self.carry_out(request)
-        except (WorldError, ConfigurationError) as error:
+        except WorldError as error:
             return json.dumps({"error": str(error)}).encode() + b"\n"
         if "hand" in request:
             self._holder = asker
@@ -78,7 +78,6 @@ class WorldService:
 
         Raises:
             WorldError: Something unknown, malformed or out of range; says what would be accepted.
-            ConfigurationError: An impossible fault.
         """
         unknown = set(request) - {"hand", "advance_s", "fault"}
         if unknown:
@@ -86,7 +85,7 @@ class WorldService:
         hand = parse_hand(request["hand"]) if request.get("hand") is not None else None
         advance_s = self._parse_advance(request["advance_s"]) if "advance_s" in request else 0.0
         if "fault" in request:
-            self._faults.carry_out(request["fault"])
+            self._change_faults(request["fault"])
         if hand is not None:
             self.hold(hand)
         elif "hand" in request:
@@ -128,6 +127,12 @@ class WorldService:
             missed=self.missed,
             faults=self._faults.active_kinds(),
         )
+
+    def _change_faults(self, request: object) -> None:
+        try:
+            self._faults.carry_out(request)
+        except ConfigurationError as error:
+            raise WorldError(str(error)) from error
 
     def _parse_advance(self, value: object) -> float:
         if not self._is_lockstep:
