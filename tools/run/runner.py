@@ -11,6 +11,8 @@ from tools.run.log import SessionLog
 from tools.run.options import TICK_S
 
 TICK_NS = round(TICK_S * 1e9)
+LONGEST_STEP_NS = 2 * TICK_NS
+"""A simulated hand does not catch up with what a stalled machine missed: it would have to jump."""
 
 
 class Felt(NamedTuple):
@@ -102,7 +104,7 @@ def run_ticks(session: Session, plugs: Plugs, *, start_ns: int, epoch_ns: int) -
         time_ns = deadline_ns + epoch_ns
         log.tick(time_ns, tick)
         if plugs.world is not None:
-            intent = plugs.hand.step(tick.seen, (deadline_ns - last_ns) * 1e-9)
+            intent = plugs.hand.step(tick.seen, min(deadline_ns - last_ns, LONGEST_STEP_NS) * 1e-9)
             felt = plugs.world.move(intent)
             log.hand(time_ns, intent, felt.hand_force, felt.contact_force)
         plugs.view.show((deadline_ns - start_ns) * 1e-9, session, tick, state)

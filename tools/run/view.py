@@ -1,0 +1,61 @@
+"""From a session's tick to what the live view shows, ten times a second."""
+
+from hm_driver.realtime.segment import Word
+from hm_driver.realtime.setpoint import LoopState
+from teaching.session import Session, Tick
+from tools.live import LiveView, SessionStatus
+
+_EVERY = 10
+
+
+class SessionView:
+    """Feeds a live view from the ticks.
+
+    Args:
+        live: The view.
+        accumulation_length: N_acc.
+        coverage_goal: Coverage at which the session becomes autonomous.
+    """
+
+    def __init__(self, live: LiveView, *, accumulation_length: int, coverage_goal: float) -> None:
+        self._live = live
+        self._accumulation_length = accumulation_length
+        self._coverage_goal = coverage_goal
+        self._ticks = 0
+        self._last = LoopState()
+        self._messages: list[str] = []
+        self.session_s = 0.0
+        """Duration of the session so far [s]."""
+        self.session: Session | None = None
+
+    def show(self, time_s: float, session: Session, tick: Tick, state: LoopState) -> None:
+        """Show the session after a tick."""
+        self.session_s, self.session = time_s, session
+        self._messages += [text for name, text in tick.events if name == "update"]
+        self._ticks += 1
+        if self._ticks % _EVERY:
+            return
+        elapsed_ns = state.time_ns - self._last.time_ns
+        rate = (state.cycle - self._last.cycle) * 1e9 / elapsed_ns if elapsed_ns > 0.0 else None
+        self._live.update(
+            SessionStatus(
+                time_s=time_s,
+                stage=tick.stage.name.lower(),
+                C=tick.C,
+                force_n=tick.force,
+                reference_force_n=session.task.reference_force,
+                models=session.learner.n_models,
+                coverage=session.coverage,
+                updates=session.updates,
+                accumulated=tick.accumulated,
+                accumulation_length=self._accumulation_length,
+                loop_rate_hz=rate,
+                missed_periods=int(state.missed),
+                lateness_p99_us=None,
+                scheduling="",
+                coverage_goal=self._coverage_goal,
+                messages=tuple(self._messages),
+            )
+        )
+        self._messages.clear()
+        self._last = state
