@@ -22,7 +22,7 @@ class Guards:
 
     speed: float = 2.0
     """Largest measured speed of the end effector [m/s]."""
-    force: float = 300.0
+    force: float = 250.0
     """Largest measured force [N]."""
     following_error: float = 0.03
     """Largest distance between the measured and the model's position [m]."""

@@ -181,3 +181,19 @@ def transitions_as_markdown() -> str:
         sources = ", ".join(f"`{row.source.value}`" for row in rows)
         lines.append(f"| {event.value} | {sources} | `{rows[0].target.value}` |")
     return "\n".join(lines) + "\n"
+
+
+def transitions_as_mermaid() -> str:
+    """The picture of ``docs/states.md``: a state diagram, a state's like answers drawn as one arrow each."""
+    labels: dict[tuple[str, str], list[str]] = {}
+    for transition in TRANSITIONS:
+        if transition.source is transition.target:
+            continue
+        asked = isinstance(transition.trigger, State)
+        label = "set state" if asked else transition.trigger.value
+        if transition.needs_calibration:
+            label += ", once calibrated"
+        labels.setdefault((transition.source.value, transition.target.value), []).append(label)
+    lines = ["stateDiagram-v2", "    [*] --> off"]
+    lines += [f"    {source} --> {target}: {' / '.join(texts)}" for (source, target), texts in labels.items()]
+    return "\n".join(lines) + "\n"

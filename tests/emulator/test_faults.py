@@ -1,4 +1,5 @@
 import time
+from pathlib import Path
 from statistics import median
 
 import pytest
@@ -29,6 +30,12 @@ def ready(arm):
     pass_time(arm, 3.0)
     assert ask(arm, "set state force") == "state set to 'force';"
     return arm
+
+
+def test_the_documentation_lists_every_kind():
+    page = (Path(__file__).parents[2] / "docs" / "emulator.md").read_text(encoding="utf-8")
+    for name, kind in KINDS.items():
+        assert f"| `{name}` | {kind.expected()} | {kind.doc} |" in page
 
 
 def test_every_kind_begins_and_ends(arm):

@@ -1,4 +1,5 @@
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -11,6 +12,8 @@ from emulator.state_machine import (
     Event,
     StateMachine,
     StateRefused,
+    transitions_as_markdown,
+    transitions_as_mermaid,
 )
 from hm_driver.protocol.vocabulary import State
 
@@ -133,3 +136,9 @@ def test_the_machine_never_leaves_its_table(triggers, has_button_pushed):
     assert (machine.state is State.FAULT) == bool(machine.fault_reason)
     if has_button_pushed:
         assert not RENDERING[machine.state].powered
+
+
+def test_the_documentation_draws_the_table_as_it_is():
+    page = (Path(__file__).parents[2] / "docs" / "states.md").read_text(encoding="utf-8")
+    assert transitions_as_markdown() in page
+    assert transitions_as_mermaid() in page
