@@ -5,7 +5,7 @@ the questions), runs the cycle function of the modes and their limits, and publi
 or memory: all of them are handed to it.
 """
 
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 from hm_driver.errors import DeviceError, HapticMasterError, ProtocolError, TransportError
 from hm_driver.realtime import cycle
@@ -15,20 +15,16 @@ from hm_driver.realtime.grid import Grid
 from hm_driver.realtime.law import LawRunner
 from hm_driver.realtime.measurements import CycleLink, Exchange
 from hm_driver.realtime.options import WatchOptions, ramp_down_parameters
+from hm_driver.realtime.publisher import Publisher, Recording
 from hm_driver.realtime.segment import PARENT_LOST, Segment, Trip, Word
+from hm_driver.realtime.surroundings import Surroundings
 from hm_driver.realtime.trace import Trace
-from hm_driver.recording.ring import Ring
-from hm_driver.recording.schemas import EVENT, EVENT_LEVELS, EVENTS_CHANNEL, LOOP_BUNDLE
 
 # Plain integers: an enumeration's member costs a look-up in every cycle.
 _STOP_REQUESTED = int(Word.STOP_REQUESTED)
 _APP_HEARTBEAT = int(Word.APP_HEARTBEAT_NS)
 _LOOP_HEARTBEAT = int(Word.LOOP_HEARTBEAT_NS)
-_CYCLES, _MISSED, _LENGTH = int(Word.CYCLES), int(Word.MISSED), int(Word.GRID_LENGTH)
-_EXCHANGES, _SOFT_OVERRUNS = int(Word.EXCHANGES), int(Word.SOFT_OVERRUNS)
-
 _STATE_EVERY_S = 0.02
-_MISSED_SHARE = 0.5
 _LIMITS = {
     cycle.TRIP_DATA: (Trip.DATA, "the device sent a number that is not finite"),
     cycle.TRIP_WORKSPACE: (Trip.WORKSPACE, "a joint is beyond its end stop and the margin"),
@@ -45,14 +41,6 @@ class CycleFunction(Protocol):
         ...
 
 
-class Recording(NamedTuple):
-    """Where the records of the cycles go."""
-
-    ring: Ring
-    epoch_ns: int
-    """Time of the log minus time of the loop's clock [ns]."""
-
-
 class LoopCore:
     """The loop without its surroundings.
 
@@ -67,6 +55,7 @@ class LoopCore:
         trace: Where the timing of each cycle goes, or None.
         law: The user's control law, or None.
         step: The cycle function.
+        keeps_timing: Whether durations are kept; on a virtual clock they are all zero.
         session_state: Device state that the loop needs; another one trips.
     """
 
@@ -83,6 +72,7 @@ class LoopCore:
         trace: Trace | None = None,
         law: LawRunner | None = None,
         step: CycleFunction = cycle.cycle,
+        keeps_timing: bool = True,
         session_state: str = "force",
     ) -> None:
         self._exchange = Exchange(link)
@@ -91,10 +81,20 @@ class LoopCore:
         self._segment = segment
         self._words = segment.words
         self._set_points = segment.set_points
+        self._set_point_count = segment.set_points.count
         self._p = parameters
         self._watch = watch
-        self._recording = recording
-        self._trace = trace
+        self._surroundings = Surroundings(grid, watch, beat=segment.words[_APP_HEARTBEAT])
+        self._publisher = Publisher(
+            segment,
+            grid,
+            clock,
+            recording=recording,
+            trace=trace,
+            keeps_timing=keeps_timing,
+            soft_budget=watch.soft_budget,
+        )
+        self._keeps_timing = keeps_timing
         self._law = law
         self._step = step
         self._session_state = session_state
@@ -104,18 +104,10 @@ class LoopCore:
         self._last_good = [0.0] * cycle.MEASUREMENT_SIZE
         self._commands = EffectCommands()
         self._changes: list[str] = []
-        self._set_point_count = segment.set_points.count
         self._state_every = max(1, round(_STATE_EVERY_S * 1e9 / grid.period_ns))
-        self._soft_ns = int(watch.soft_budget * grid.period_ns)
-        self._missed_limit = watch.missed_s * 1e9 / grid.period_ns
-        self._missed_level = 0.0
-        self._beat_seen = segment.words[Word.APP_HEARTBEAT_NS]
-        self._beat_limit_ns = int(watch.heartbeat_s * 1e9)
-        self._silence_ns = -1
         self._stale_limit = int(watch.stale_s * 1e9 / grid.period_ns)
         self._stale_cycles = 0
         self._ramp_end_ns: int | None = None
-        self._events = 0
         self._has_tripped = False
         self.is_link_usable = True
         """False once an exchange failed: nothing more may be sent on this connection."""
@@ -142,22 +134,22 @@ class LoopCore:
             False when the loop is over: stopped or tripped, with the forces ramped down. The caller then
             stops the device, over this link if ``is_link_usable``.
         """
-        grid, now_ns, words = self._grid, self._now_ns, self._words
-        skipped = grid.wait()
-        words[_LOOP_HEARTBEAT] = grid.wake_ns
+        grid = self._grid
+        grid.wait()
+        self._words[_LOOP_HEARTBEAT] = wake_ns = grid.wake_ns
         if self._ramp_end_ns is None:
-            self._watch_surroundings(skipped)
-        sent_ns = now_ns()
+            self._look_around()
+        exchange, m = self._exchange, self._m
+        started_ns = self._now_ns() if self._keeps_timing else wake_ns
         try:
-            self._exchange.run(self._changes, self._m, ask_state=grid.cycles % self._state_every == 0)
+            exchange.run(self._changes, m, ask_state=not grid.cycles % self._state_every)
         except HapticMasterError as error:
             return self._fail_exchange(error)
-        received_ns = now_ns()
+        exchange_ns = self._now_ns() - started_ns if self._keeps_timing else 0
         dt = grid.dt_ns * 1e-9
         self._compute(dt)
-        self._publish(received_ns - sent_ns, dt)
-        ramp_end_ns = self._ramp_end_ns
-        return ramp_end_ns is None or not (self._is_released() or now_ns() >= ramp_end_ns)
+        self._publisher.publish(self._s, m, dt, exchange_ns, exchange.requests)
+        return self._ramp_end_ns is None or not (self._is_released() or self._now_ns() >= self._ramp_end_ns)
 
     def stop(self) -> None:
         """Begin the gentle release: the forces go down at the rate of every hand-over."""
@@ -176,12 +168,7 @@ class LoopCore:
 
     def log_event(self, level: str, name: str, text: str) -> None:
         """Write an event into the log, where there is one."""
-        if self._recording is None:
-            return
-        self._events += 1
-        time_ns = self._now_ns() + self._recording.epoch_ns
-        payload = EVENT.pack(self._events, time_ns, EVENT_LEVELS[level], name, text, ())
-        self._recording.ring.write(EVENTS_CHANNEL.id, time_ns, payload)
+        self._publisher.log_event(level, name, text)
 
     def _begin_release(self, within_s: float) -> None:
         self._ramp_end_ns = self._now_ns() + int(within_s * 1e9)
@@ -194,8 +181,8 @@ class LoopCore:
         phases = s[cycle.PHASE : cycle.S_BIAS : cycle.SPRING_STRIDE]
         return not any(phases) and not any(s[cycle.S_BIAS : cycle.S_BIAS + cycle.AXES])
 
-    def _watch_surroundings(self, skipped: int) -> None:
-        """Set-points, stop requests, the application's heartbeat and missed deadlines."""
+    def _look_around(self) -> None:
+        """Take the newest set-point, and see whether the loop has to end."""
         words = self._words
         count = self._set_points.count
         if count != self._set_point_count:
@@ -206,31 +193,9 @@ class LoopCore:
                 self.trip(Trip.PARENT, "the application ended without stopping the loop")
             self.stop()
             return
-        if self._beat_limit_ns:
-            self._watch_heartbeat(words[_APP_HEARTBEAT])
-        if skipped or self._missed_level:
-            level = max(0.0, self._missed_level - _MISSED_SHARE) + skipped
-            self._missed_level = level
-            if 0.0 < self._missed_limit < level:
-                self.trip(
-                    Trip.DEADLINE,
-                    f"{level:.0f} periods of {self._grid.period_ns * 1e-6:g} ms were missed, "
-                    f"{self._missed_limit:.0f} are allowed; lower the rate, or see what else this CPU runs",
-                )
-
-    def _watch_heartbeat(self, beat_ns: int) -> None:
-        """Count the application's silence, in time that this loop itself ran: a stall of the host is none."""
-        if beat_ns != self._beat_seen:
-            self._beat_seen = beat_ns
-            self._silence_ns = 0
-        elif self._silence_ns >= 0:
-            self._silence_ns += min(self._grid.dt_ns, 2 * self._grid.period_ns)
-            if self._silence_ns > self._beat_limit_ns:
-                self.trip(
-                    Trip.HEARTBEAT,
-                    f"the application was silent for {self._silence_ns * 1e-6:.0f} ms, "
-                    f"{self._beat_limit_ns * 1e-6:g} ms are allowed",
-                )
+        problem = self._surroundings.problem(words[_APP_HEARTBEAT])
+        if problem is not None:
+            self.trip(*problem)
 
     def _fail_exchange(self, error: HapticMasterError) -> bool:
         """Decide what an exchange that failed means; whether the loop goes on."""
@@ -289,47 +254,3 @@ class LoopCore:
             self.trip(Trip.LAW, problem)
             return self._u
         return set_point
-
-    def _publish(self, exchange_ns: int, dt: float) -> None:
-        s, m, grid, segment, words = self._s, self._m, self._grid, self._segment, self._words
-        segment.publish_state(
-            (
-                grid.cycles, grid.deadline_ns, grid.missed, s[31],
-                m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8],
-                s[0], s[4], s[8], s[27], s[28], s[29], s[3], s[7], s[11], s[30],
-            )
-        )  # fmt: skip
-        words[_CYCLES] = grid.cycles
-        words[_MISSED] = grid.missed
-        words[_LENGTH] = grid.length
-        words[_EXCHANGES] = self._exchange.requests
-        execution_ns = self._now_ns() - grid.wake_ns
-        if self._recording is not None:
-            self._record(self._recording, execution_ns, exchange_ns, dt)
-            execution_ns = self._now_ns() - grid.wake_ns
-        response_ns = grid.lateness_ns + execution_ns
-        segment.lateness.record(grid.lateness_ns)
-        segment.execution.record(execution_ns)
-        segment.exchange.record(exchange_ns)
-        segment.response.record(response_ns)
-        if self._trace is not None and not grid.skipped:
-            self._trace.record(grid.index, grid.lateness_ns, response_ns)
-        if response_ns > self._soft_ns:
-            words[_SOFT_OVERRUNS] += 1
-
-    def _record(self, recording: Recording, execution_ns: int, exchange_ns: int, dt: float) -> None:
-        s, m, grid, ring = self._s, self._m, self._grid, recording.ring
-        time_ns = grid.deadline_ns + recording.epoch_ns
-        offset = ring.reserve(LOOP_BUNDLE.id, time_ns, LOOP_BUNDLE.size)
-        if offset < 0:
-            return
-        index = grid.index
-        LOOP_BUNDLE.pack_into(
-            ring.data, offset,
-            index, time_ns, m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8],
-            index, time_ns, s[0], s[4], s[8], s[1], s[5], s[9], s[27], s[28], s[29], s[3], s[7], s[11],
-            s[12], s[30], s[16], s[17], s[18],
-            index, time_ns, grid.lateness_ns, execution_ns, exchange_ns, grid.lateness_ns + execution_ns,
-            grid.missed, dt,
-        )  # fmt: skip
-        ring.commit()

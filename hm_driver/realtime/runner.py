@@ -10,11 +10,12 @@ from hm_driver.protocol.framing import Dialect
 from hm_driver.realtime import bring_up
 from hm_driver.realtime.claim import DeviceClaim
 from hm_driver.realtime.clock import WallClock
-from hm_driver.realtime.core import LoopCore, Recording
+from hm_driver.realtime.core import LoopCore
 from hm_driver.realtime.failure import encode_error
 from hm_driver.realtime.grid import Grid, SpinMargin, period_ns_of
 from hm_driver.realtime.law import load_law
 from hm_driver.realtime.options import LoopOptions
+from hm_driver.realtime.publisher import Recording
 from hm_driver.realtime.scheduling import Granted, Rung, enter_realtime, prepare_process
 from hm_driver.realtime.segment import GuardianStatus, Segment, Status, Word
 from hm_driver.realtime.shared import SharedBlock

@@ -7,11 +7,12 @@ from still_device import StillDevice
 from hm_driver.errors import DeviceError, ProtocolError, TransportTimeout
 from hm_driver.realtime import bring_up
 from hm_driver.realtime.clock import VirtualClock
-from hm_driver.realtime.core import LoopCore, Recording
+from hm_driver.realtime.core import LoopCore
 from hm_driver.realtime.grid import Grid
 from hm_driver.realtime.law import LawRunner
 from hm_driver.realtime.measurements import parse_measurement
 from hm_driver.realtime.options import LoopOptions, WatchOptions
+from hm_driver.realtime.publisher import Recording
 from hm_driver.realtime.segment import PARENT_LOST, STOP_GENTLY, Segment, Trip, Word
 from hm_driver.realtime.setpoint import SetPoint
 from hm_driver.recording.ring import Ring, ring_bytes
