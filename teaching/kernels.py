@@ -35,8 +35,11 @@ W_PRUNE: Final = 1
 LAM: Final = 2
 P0: Final = 3
 PRUNE: Final = 4
-SIZE0: Final = 5
-D0: Final = 6
+TOLERANCE: Final = 5
+RATIO: Final = 6
+LEVELS: Final = 7
+SIZE0: Final = 8
+D0: Final = 9
 
 PRUNE_NEVER: Final = 0
 PRUNE_OVERLAP: Final = 1
@@ -46,8 +49,10 @@ PRUNE_PAPER: Final = 2
 SAMPLES: Final = 0
 BORN: Final = 1
 SIZE: Final = 2
-WEIGHT: Final = 3
-SQUARES: Final = 4
+FREEDOM: Final = 3
+GAIN: Final = 4
+LEVEL: Final = 5
+SQUARES: Final = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +79,7 @@ class Layout:
 
     @property
     def books(self) -> int:
-        """First row of the books: samples, birth, trace of D^-1, sum of weights, squared errors."""
+        """First row of the books, in the order of the constants SAMPLES to SQUARES."""
         return self.covariance + (self.n_inputs + 1) * (self.n_inputs + 2) // 2
 
     @property
@@ -104,6 +109,12 @@ def window(table: FloatArray, n: int, centre: float, extent: float) -> tuple[int
         else:
             high = middle
     return first, low
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def first_book(d: int, m: int) -> int:
+    """First row of the books, as :attr:`Layout.books`."""
+    return d + d * (d + 1) // 2 + (d + 1) * m + (d + 1) * (d + 2) // 2
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -173,21 +184,29 @@ def query_2d(table: FloatArray, state: FloatArray, x0: float, x1: float) -> tupl
         a, b = x0 - table[0, i], x1 - table[1, i]
         q = a * (table[2, i] * a + 2.0 * table[3, i] * b) + table[4, i] * b * b
         if q <= limit:
-            w = math.exp(0.5 * (q_min - q))
+            w = math.exp(0.5 * (q_min - q)) * table[18, i]
             weights += w
             total += w * (table[5, i] * a + table[6, i] * b + table[7, i])
     return total / weights, math.exp(-0.5 * q_min)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def predict(table: FloatArray, state: FloatArray, X: FloatArray, Y: FloatArray, w_max: FloatArray) -> None:
+def predict(
+    table: FloatArray,
+    state: FloatArray,
+    X: FloatArray,
+    Y: FloatArray,
+    w_max: FloatArray,
+    scratch: FloatArray | None,
+) -> None:
     """Fill Y, shape (n, m), with eq. (1) and w_max, shape (n,), for X, shape (n, d)."""
     d, m = X.shape[1], Y.shape[1]
-    if d == 2 and m == 1:
+    if scratch is None:
         for k in range(X.shape[0]):
             Y[k, 0], w_max[k] = query_2d(table, state, X[k, 0], X[k, 1])
         return
     parameters = d + d * (d + 1) // 2
+    gain = first_book(d, m) + GAIN
     for k in range(X.shape[0]):
         q_min, low, high = nearest(table, state, d, X, k)
         for o in range(m):
@@ -200,7 +219,7 @@ def predict(table: FloatArray, state: FloatArray, X: FloatArray, Y: FloatArray, 
         for i in range(low, high):
             q = exponent(table, d, i, X, k)
             if q <= limit:
-                w = math.exp(0.5 * (q_min - q))
+                w = math.exp(0.5 * (q_min - q)) * table[gain, i]
                 weights += w
                 for o in range(m):
                     y = table[parameters + d * m + o, i]
@@ -209,6 +228,56 @@ def predict(table: FloatArray, state: FloatArray, X: FloatArray, Y: FloatArray, 
                     Y[k, o] += w * y
         for o in range(m):
             Y[k, o] /= weights
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def deviation(
+    table: FloatArray, state: FloatArray, X: FloatArray, Y: FloatArray, R: FloatArray, S: FloatArray
+) -> None:
+    """Fill R and S, shapes (n, m), with variances at X for its predictions Y, shape (n, m).
+
+    R is the weighted mean of the models' own variances (noise and uncertainty of their parameters), S that
+    of the squared differences between the models and the prediction.
+    """
+    d, m = X.shape[1], Y.shape[1]
+    parameters = d + d * (d + 1) // 2
+    covariance = parameters + (d + 1) * m
+    books = first_book(d, m)
+    z = np.empty(d + 1)
+    z[d] = 1.0
+    for k in range(X.shape[0]):
+        q_min, low, high = nearest(table, state, d, X, k)
+        for o in range(m):
+            R[k, o] = math.inf if q_min == math.inf else 0.0
+            S[k, o] = 0.0
+        if q_min == math.inf:
+            continue
+        weights = 0.0
+        for i in range(low, high):
+            q = exponent(table, d, i, X, k)
+            if q > q_min + state[Q_CUT]:
+                continue
+            w = math.exp(0.5 * (q_min - q)) * table[books + GAIN, i]
+            weights += w
+            for j in range(d):
+                z[j] = X[k, j] - table[j, i]
+            uncertain = 1.0
+            row = covariance
+            for j in range(d + 1):
+                uncertain += table[row, i] * z[j] * z[j]
+                row += 1
+                for c in range(j + 1, d + 1):
+                    uncertain += 2.0 * table[row, i] * z[j] * z[c]
+                    row += 1
+            for o in range(m):
+                y = 0.0
+                for j in range(d + 1):
+                    y += table[parameters + j * m + o, i] * z[j]
+                S[k, o] += w * (y - Y[k, o]) ** 2
+                R[k, o] += w * uncertain * table[books + SQUARES + o, i] / table[books + FREEDOM, i]
+        for o in range(m):
+            R[k, o] /= weights
+            S[k, o] /= weights
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -234,10 +303,16 @@ def count_active(table: FloatArray, state: FloatArray, X: FloatArray, q_limit: f
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def insert(table: FloatArray, state: FloatArray, params: FloatArray, X: FloatArray, k: int, m: int) -> int:
-    """Put a new model with centre X[k], M = 0 and P = P0 I into its sorted place; the table has room."""
+def insert(
+    table: FloatArray, state: FloatArray, params: FloatArray, X: FloatArray, k: int, m: int, level: int
+) -> int:
+    """Put a new model with centre X[k], M = 0 and P = P0 I into its sorted place; the table has room.
+
+    At level n its D is ratio^n times the initial one, and its say in predictions is det(D) / det(D0).
+    """
     d = X.shape[1]
     n = int(state[N_MODELS])
+    scale = params[RATIO] ** level
     _, place = window(table, n, X[k, 0], 0.0)
     for row in range(table.shape[0]):
         for i in range(n, place, -1):
@@ -247,14 +322,16 @@ def insert(table: FloatArray, state: FloatArray, params: FloatArray, X: FloatArr
         table[j, place] = X[k, j]
     row = d
     for j in range(d * (d + 1) // 2):
-        table[row, place] = params[D0 + j]
+        table[row, place] = params[D0 + j] * scale
         row += 1
     row += (d + 1) * m
     for j in range(d + 1):
         table[row, place] = params[P0]
         row += d + 1 - j
     table[row + BORN, place] = state[N_SAMPLES]
-    table[row + SIZE, place] = params[SIZE0]
+    table[row + SIZE, place] = params[SIZE0] / scale
+    table[row + GAIN, place] = scale**d
+    table[row + LEVEL, place] = level
     state[N_MODELS] += 1.0
     state[N_ADDED] += 1.0
     return place
@@ -283,6 +360,9 @@ def learn(
 ) -> None:
     """Recursive least squares of model i, eqs. (5) to (7), for the sample z = [x - c, 1], Y[k].
 
+    Beside them the weighted squared residuals and the degrees of freedom are kept by their own exact
+    recursions, so that their quotient is the local variance of the noise.
+
     With lam < 1 the prior's information I / P0 leaks back in at the rate at which it is forgotten, one
     axis a sample: P stays below about P0 for ever, and M is not pulled anywhere.
     """
@@ -303,22 +383,20 @@ def learn(
             g[j] += p * z[c]
             g[c] += p * z[j]
             row += 1
-    s = lam / w
+    spread = 0.0
     for j in range(n1):
-        s += z[j] * g[j]
-    s = 1.0 / s
-    determined = table[books + SAMPLES, i] >= n1
+        spread += z[j] * g[j]
+    s = 1.0 / (lam / w + spread)
+    fresh = w * (1.0 - s * spread)
     for o in range(m):
         e = Y[k, o]
         for j in range(n1):
             e -= table[parameters + j * m + o, i] * z[j]
-        if determined:
-            table[books + SQUARES + o, i] = lam * table[books + SQUARES + o, i] + w * e * e
+        table[books + SQUARES + o, i] = lam * table[books + SQUARES + o, i] + fresh * e * e
         e *= s
         for j in range(n1):
             table[parameters + j * m + o, i] += g[j] * e
-    if determined:
-        table[books + WEIGHT, i] = lam * table[books + WEIGHT, i] + w
+    table[books + FREEDOM, i] = lam * table[books + FREEDOM, i] + fresh
     row = covariance
     scale = 1.0 / lam
     for j in range(n1):
@@ -374,7 +452,7 @@ def separation(table: FloatArray, d: int, i: int, centre: int) -> float:
 def superfluous(table: FloatArray, d: int, m: int, i: int, j: int) -> int:
     """Which of two models goes: the larger trace of D^-1, then of P, then the newer."""
     covariance = d + d * (d + 1) // 2 + (d + 1) * m
-    books = covariance + (d + 1) * (d + 2) // 2
+    books = first_book(d, m)
     difference = table[books + SIZE, i] - table[books + SIZE, j]
     if difference == 0.0:
         row = covariance
@@ -387,7 +465,7 @@ def superfluous(table: FloatArray, d: int, m: int, i: int, j: int) -> int:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def sweep(
+def sweep_any(
     table: FloatArray,
     params: FloatArray,
     q_cut: float,
@@ -396,11 +474,12 @@ def sweep(
     X: FloatArray,
     Y: FloatArray,
     k: int,
-    z: FloatArray,
-    g: FloatArray,
+    scratch: FloatArray,
 ) -> tuple[float, int, float, int]:
     """Let the models low to high learn sample k; returns the two most active: q and column of each."""
     d = X.shape[1]
+    z, g = scratch[0], scratch[1]
+    z[d] = 1.0
     q1, q2 = math.inf, math.inf
     first, second = -1, -1
     for i in range(low, high):
@@ -428,11 +507,11 @@ def sweep_2d(
     x0: float,
     x1: float,
     y: float,
-    g: FloatArray,
 ) -> tuple[float, int, float, int]:
-    """As :func:`sweep` for two inputs and one output, written out: the same arithmetic in the same order."""
+    """As :func:`sweep_any` for two inputs and one output, written out: the same arithmetic."""
     lam = params[LAM]
     scale = 1.0 / lam
+    information = (1.0 - lam) * 3.0 / params[P0]
     q1, q2 = math.inf, math.inf
     first, second = -1, -1
     for i in range(low, high):
@@ -451,11 +530,12 @@ def sweep_2d(
         g0 = p00 * a + p01 * b + p02
         g1 = p01 * a + p11 * b + p12
         g2 = p02 * a + p12 * b + p22
-        s = 1.0 / (lam / w + a * g0 + b * g1 + g2)
+        spread = a * g0 + b * g1 + g2
+        s = 1.0 / (lam / w + spread)
         e = y - table[5, i] * a - table[6, i] * b - table[7, i]
-        if table[14, i] >= 3.0:
-            table[17, i] = lam * table[17, i] + w
-            table[18, i] = lam * table[18, i] + w * e * e
+        fresh = w * (1.0 - s * spread)
+        table[17, i] = lam * table[17, i] + fresh
+        table[20, i] = lam * table[20, i] + fresh * e * e
         e *= s
         table[5, i] += g0 * e
         table[6, i] += g1 * e
@@ -468,68 +548,178 @@ def sweep_2d(
         table[12, i] = (p12 - s1 * g2) * scale
         table[13, i] = (p22 - s * g2 * g2) * scale
         if lam < 1.0:
-            retain(table, 8, i, 3, int(table[14, i]) % 3, (1.0 - lam) * 3.0 / params[P0], g)
+            axis = int(table[14, i]) % 3
+            r0 = 8 + axis
+            r1 = 9 if axis == 0 else 10 + axis
+            r2 = 10 if axis == 0 else 11 + axis
+            g0, g1, g2 = table[r0, i], table[r1, i], table[r2, i]
+            s = information / (1.0 + information * (g0 if axis == 0 else g1 if axis == 1 else g2))
+            s0, s1 = s * g0, s * g1
+            table[8, i] -= s0 * g0
+            table[9, i] -= s0 * g1
+            table[10, i] -= s0 * g2
+            table[11, i] -= s1 * g1
+            table[12, i] -= s1 * g2
+            table[13, i] -= s * g2 * g2
         table[14, i] += 1.0
     return q1, first, q2, second
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def sweep(
+    table: FloatArray,
+    params: FloatArray,
+    q_cut: float,
+    low: int,
+    high: int,
+    X: FloatArray,
+    Y: FloatArray,
+    k: int,
+    scratch: FloatArray | None,
+) -> tuple[float, int, float, int]:
+    """Let the models low to high learn sample k; returns the two most active: q and column of each."""
+    if scratch is None:
+        return sweep_2d(table, params, q_cut, low, high, X[k, 0], X[k, 1], Y[k, 0])
+    return sweep_any(table, params, q_cut, low, high, X, Y, k, scratch)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def absorb(
+    table: FloatArray,
+    state: FloatArray,
+    params: FloatArray,
+    X: FloatArray,
+    Y: FloatArray,
+    k: int,
+    scratch: FloatArray | None,
+) -> bool:
+    """Learn sample k, then generate a model or prune one; the table has room. Says whether it generated."""
+    d, m = X.shape[1], Y.shape[1]
+    q_cut = state[Q_CUT]
+    low, high = window(table, int(state[N_MODELS]), X[k, 0], math.sqrt(q_cut) * state[REACH])
+    q1, first, q2, second = sweep(table, params, q_cut, low, high, X, Y, k, scratch)
+    generates: bool = math.exp(-0.5 * q1) <= params[W_GEN]
+    if generates:
+        place = insert(table, state, params, X, k, m, 0)
+        sweep(table, params, q_cut, place, place + 1, X, Y, k, scratch)
+    elif params[PRUNE] != PRUNE_NEVER:
+        q_prune = -2.0 * math.log(params[W_PRUNE])
+        level = first_book(d, m) + LEVEL
+        if (
+            q2 < q_prune
+            and table[level, first] == table[level, second]
+            and (
+                params[PRUNE] == PRUNE_PAPER
+                or separation(table, d, first, second) < q_prune
+                or separation(table, d, second, first) < q_prune
+            )
+        ):
+            remove(table, state, superfluous(table, d, m, first, second))
+            state[N_PRUNED] += 1.0
+    state[N_SAMPLES] += 1.0
+    return generates
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def is_finite(X: FloatArray, k: int) -> bool:
+    """Whether row k of X is finite."""
+    total = 0.0
+    for j in range(X.shape[1]):
+        total += 0.0 * X[k, j]
+    return total == 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def update(
-    table: FloatArray, state: FloatArray, params: FloatArray, X: FloatArray, Y: FloatArray, start: int
+    table: FloatArray,
+    state: FloatArray,
+    params: FloatArray,
+    X: FloatArray,
+    Y: FloatArray,
+    start: int,
+    scratch: FloatArray | None,
 ) -> int:
     """Learn the samples X[start:], Y[start:] one after the other, shapes (n, d) and (n, m).
 
     Returns the number of samples learned of all, less than n where the table is full (make room and call
     again), and -1 - k where sample k is not finite; it and what follows are not learned.
     """
-    d, m = X.shape[1], Y.shape[1]
-    z, g = np.empty(d + 1), np.empty(d + 1)
-    z[d] = 1.0
-    q_cut = state[Q_CUT]
-    extent = math.sqrt(q_cut) * state[REACH]
-    q_prune = -2.0 * math.log(params[W_PRUNE])
-    for k in range(start, X.shape[0]):
-        n = int(state[N_MODELS])
-        if n >= table.shape[1]:
+    n: int = X.shape[0]
+    for k in range(start, n):
+        if state[N_MODELS] >= table.shape[1]:
             return k
-        for j in range(d):
-            if not math.isfinite(X[k, j]):
-                return -1 - k
-        for o in range(m):
-            if not math.isfinite(Y[k, o]):
-                return -1 - k
-        low, high = window(table, n, X[k, 0], extent)
-        if d == 2 and m == 1:
-            q1, first, q2, second = sweep_2d(table, params, q_cut, low, high, X[k, 0], X[k, 1], Y[k, 0], g)
-        else:
-            q1, first, q2, second = sweep(table, params, q_cut, low, high, X, Y, k, z, g)
-        if math.exp(-0.5 * q1) <= params[W_GEN]:
-            place = insert(table, state, params, X, k, m)
-            for j in range(d):
-                z[j] = 0.0
-            learn(table, params, place, 1.0, Y, k, z, g)
-        elif params[PRUNE] != PRUNE_NEVER and q2 < q_prune:
-            near = min(separation(table, d, first, second), separation(table, d, second, first))
-            if params[PRUNE] == PRUNE_PAPER or near < q_prune:
-                remove(table, state, superfluous(table, d, m, first, second))
-                state[N_PRUNED] += 1.0
-        state[N_SAMPLES] += 1.0
-    done: int = X.shape[0]
-    return done
+        if not (is_finite(X, k) and is_finite(Y, k)):
+            return -1 - k
+        absorb(table, state, params, X, Y, k, scratch)
+    return n
 
 
-def warm_up() -> None:
-    """Compile every kernel or load it from the cache: before a loop starts, never inside it."""
-    for d, m in ((2, 1), (1, 2)):
-        layout = Layout(d, m)
-        table = np.zeros((layout.rows, 8))
-        state = np.zeros(STATE_SIZE)
-        state[REACH], state[Q_CUT] = 0.05, 13.8
-        params = np.array([0.8, 0.9, 0.99, 1e6, PRUNE_PAPER, 0.005, *np.full(d * (d + 1) // 2, 400.0)])
-        X, Y = np.zeros((2, d)), np.zeros((2, m))
-        update(table, state, params, X, Y, 0)
-        predict(table, state, X, Y, np.zeros(2))
-        activations(table, state, X, np.zeros((2, 1)))
-        count_active(table, state, X, 1.0)
-    remove(table, state, 0)
+@njit(cache=True, nogil=True, error_model="numpy")
+def missing_level(
+    table: FloatArray, state: FloatArray, params: FloatArray, X: FloatArray, k: int, m: int
+) -> int:
+    """Coarsest level, above 0, of which no model is activated above w_gen by X[k]; -1 if there is none."""
+    d = X.shape[1]
+    level = first_book(d, m) + LEVEL
+    q_gen = -2.0 * math.log(params[W_GEN])
+    low, high = window(table, int(state[N_MODELS]), X[k, 0], math.sqrt(q_gen) * state[REACH])
+    for candidate in range(1, int(params[LEVELS])):
+        is_there = False
+        for i in range(low, high):
+            if table[level, i] == candidate and exponent(table, d, i, X, k) < q_gen:
+                is_there = True
+                break
+        if not is_there:
+            return candidate
+    return -1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def update_refining(
+    table: FloatArray,
+    state: FloatArray,
+    params: FloatArray,
+    X: FloatArray,
+    Y: FloatArray,
+    start: int,
+    scratch: FloatArray | None,
+) -> int:
+    """As :func:`update`, and a sample that the prediction misses asks for a model of the next finer level."""
+    n: int = X.shape[0]
+    y, w_max = np.empty((1, Y.shape[1])), np.empty(1)
+    for k in range(start, n):
+        if state[N_MODELS] >= table.shape[1]:
+            return k
+        if not (is_finite(X, k) and is_finite(Y, k)):
+            return -1 - k
+        predict(table, state, X[k : k + 1], y, w_max, scratch)
+        error, size = 0.0, 0.0
+        for o in range(Y.shape[1]):
+            error += (Y[k, o] - y[0, o]) ** 2
+            size += Y[k, o] ** 2
+        if absorb(table, state, params, X, Y, k, scratch) or error <= params[TOLERANCE] ** 2 * size:
+            continue
+        level = missing_level(table, state, params, X, k, Y.shape[1])
+        if level > 0:
+            place = insert(table, state, params, X, k, Y.shape[1], level)
+            sweep(table, params, state[Q_CUT], place, place + 1, X, Y, k, scratch)
+    return n
+
+
+def scratch_for(n_inputs: int, n_outputs: int) -> FloatArray | None:
+    """Scratch that the kernels want; None selects, at compile time, what is written out for the plane."""
+    return None if (n_inputs, n_outputs) == (2, 1) else np.zeros((2, n_inputs + 1))
+
+
+def warm_up(n_inputs: int = 2, n_outputs: int = 1) -> None:
+    """Compile what a session needs, or load it from the cache: before a loop starts, never inside it."""
+    layout, scratch = Layout(n_inputs, n_outputs), scratch_for(n_inputs, n_outputs)
+    table, state = np.zeros((layout.rows, 8)), np.zeros(STATE_SIZE)
+    state[REACH], state[Q_CUT] = 0.05, 13.8
+    D = np.full(layout.parameters - layout.metric, 400.0)
+    params = np.array([0.8, 0.9, 0.99, 1e6, PRUNE_PAPER, 0.1, 4.0, 2.0, 0.005, *D])
+    X, Y = np.zeros((2, n_inputs)), np.zeros((2, n_outputs))
+    update(table, state, params, X, Y, 0, scratch)
+    predict(table, state, X, Y, np.zeros(2), scratch)
+    count_active(table, state, X, 1.0)
     query_2d(table, state, 0.0, 0.0)

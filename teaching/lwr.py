@@ -13,7 +13,7 @@ Example:
 
 import math
 from pathlib import Path
-from typing import Any, Final, Literal, Self
+from typing import Any, Final, Literal, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -52,6 +52,12 @@ class LWR:
       forgotten of the prior's information I / P0 is therefore put back: P stays below about P0 for ever.
     * *Beginning.* M(0) = 0 and P(0) = P0 I; the sample that makes a model is also the first it learns.
 
+    *Refinement* is not in the paper. With ``levels`` above 1 (3 serve well), a sample that the prediction
+    misses by more than ``tolerance`` times its own size makes a model of the next finer level there, with
+    ``ratio`` times the D; and a model's weight in eq. (1) is multiplied by its det(D) / det(D0), so that the
+    finest has the say. Steps, as at the border of two objects, are then learned as sharply as they are
+    taught. The activation w_max is that of all models. Pruning looks at models of one level only.
+
     Args:
         n_inputs: Number of inputs d.
         n_outputs: Number of outputs m.
@@ -62,6 +68,9 @@ class LWR:
         P0: Initial covariance; 1 / P0 is the ridge, in squared input units for the slopes.
         w_cutoff: Weight below which a model neither learns nor counts.
         prune: Which rule prunes.
+        levels: Number of field sizes; 1 is the paper's.
+        ratio: D of a level by that of the next coarser one.
+        tolerance: Share of the output that a prediction may miss before a finer model is made.
         capacity: Number of models that there is room for at first; the room grows.
 
     Raises:
@@ -80,16 +89,22 @@ class LWR:
         P0: float = 1e6,
         w_cutoff: float = 0.001,
         prune: Prune = "overlap",
+        levels: int = 1,
+        ratio: float = 16.0,
+        tolerance: float = 0.1,
         capacity: int = 256,
     ) -> None:
-        for name, count in (("n_inputs", n_inputs), ("n_outputs", n_outputs), ("capacity", capacity)):
-            if isinstance(count, bool) or not isinstance(count, int) or count < 1:
-                raise ConfigurationError(name, f"{count!r} must be a whole number of at least 1")
+        require_count("n_inputs", n_inputs, 1000)
+        require_count("n_outputs", n_outputs, 1000)
+        require_count("capacity", capacity, 10_000_000)
+        require_count("levels", levels, 8)
         require_between("w_gen", w_gen, 0.0, 1.0)
         require_between("w_prune", w_prune, 0.0, 1.0)
         require_between("lam", lam, 0.0, 1.0, closed=True)
         require_between("P0", P0, 0.0, 1e15, closed=True)
         require_between("w_cutoff", w_cutoff, -math.ulp(0.0), min(w_gen, 0.1), closed=True)
+        require_between("ratio", ratio, 1.0, 1000.0, closed=True)
+        require_between("tolerance", tolerance, 0.0, 10.0, closed=True)
         if prune not in PRUNE_MODES:
             raise ConfigurationError("prune", f"{prune!r} is none of {', '.join(sorted(PRUNE_MODES))}")
         self._parameters: dict[str, Any] = {
@@ -102,18 +117,21 @@ class LWR:
             "P0": float(P0),
             "w_cutoff": float(w_cutoff),
             "prune": prune,
+            "levels": levels,
+            "ratio": float(ratio),
+            "tolerance": float(tolerance),
         }
         self._layout = Layout(n_inputs, n_outputs)
         inverse = np.linalg.inv(self._parameters["D"])
         triangle = np.triu_indices(n_inputs)
-        self._params = np.array(
-            [w_gen, w_prune, lam, P0, PRUNE_MODES[prune], np.trace(inverse), *self._parameters["D"][triangle]]
-        )
+        chosen = [w_gen, w_prune, lam, P0, PRUNE_MODES[prune], tolerance, ratio, levels, np.trace(inverse)]
+        self._params = np.array([*chosen, *self._parameters["D"][triangle]], dtype=float)
         self._state = np.zeros(kernels.STATE_SIZE)
         self._state[kernels.REACH] = math.sqrt(inverse[0, 0])
         self._state[kernels.Q_CUT] = -2.0 * math.log(w_cutoff) if w_cutoff > 0.0 else math.inf
         self._table = np.zeros((self._layout.rows, capacity))
         self._x, self._y = np.zeros((1, n_inputs)), np.zeros((1, n_outputs))
+        self._scratch = kernels.scratch_for(n_inputs, n_outputs)
 
     @property
     def n_inputs(self) -> int:
@@ -194,11 +212,11 @@ class LWR:
         """
         self._x[0] = x
         self._y[0] = y
-        if kernels.update(self._table, self._state, self._params, self._x, self._y, 0) != 1:
+        if self._learn(self._x, self._y, 0) != 1:
             if not (np.isfinite(self._x).all() and np.isfinite(self._y).all()):
                 raise ValueError(f"the sample x = {x!r}, y = {y!r} is not finite; it was not learned")
             self._grow()
-            kernels.update(self._table, self._state, self._params, self._x, self._y, 0)
+            self._learn(self._x, self._y, 0)
 
     def partial_fit(self, X: ArrayLike, Y: ArrayLike) -> Self:
         """Learn samples in the order given.
@@ -215,14 +233,30 @@ class LWR:
             raise ValueError(f"X has {len(inputs)} samples and Y {len(outputs)}; they must be as many")
         done = 0
         while done < len(inputs):
-            done = kernels.update(self._table, self._state, self._params, inputs, outputs, done)
+            done = self._learn(inputs, outputs, done)
             if done < len(inputs):
                 self._grow()
         return self
 
-    def predict(self, X: ArrayLike) -> FloatArray:
-        """Outputs of eq. (1), shape (n, m), at inputs of shape (n, d)."""
-        return self._evaluate(X)[0]
+    @overload
+    def predict(self, X: ArrayLike, *, return_std: Literal[False] = False) -> FloatArray: ...
+
+    @overload
+    def predict(self, X: ArrayLike, *, return_std: Literal[True]) -> tuple[FloatArray, FloatArray]: ...
+
+    def predict(
+        self, X: ArrayLike, *, return_std: bool = False
+    ) -> FloatArray | tuple[FloatArray, FloatArray]:
+        """Outputs of eq. (1), shape (n, m), at inputs of shape (n, d).
+
+        Args:
+            X: Inputs, shape (n, d).
+            return_std: Also return the standard deviation of a sample about its prediction, shape (n, m): the
+                noise that the models have seen, the uncertainty of their parameters, and their disagreement
+                (in the spirit of the confidence of LWPR); infinite where there is no model.
+        """
+        Y = self._evaluate(X)[0]
+        return (Y, self._deviation(X, Y)) if return_std else Y
 
     def w_max(self, X: ArrayLike) -> FloatArray:
         """Largest activation, shape (n,), at inputs of shape (n, d); 0 without models."""
@@ -254,6 +288,13 @@ class LWR:
             )
         result: tuple[float, float] = kernels.query_2d(self._table, self._state, float(x0), float(x1))
         return result
+
+    def query_std(self, x0: float, x1: float) -> tuple[float, float, float]:
+        """As :meth:`query`, with the standard deviation of :meth:`predict` as the third."""
+        y, w_max = self.query(x0, x1)
+        self._x[0] = x0, x1
+        self._y[0] = y
+        return y, w_max, float(self._deviation(self._x, self._y)[0, 0])
 
     def remove(self, which: ArrayLike) -> int:
         """Remove models, named by indices into :attr:`models` or by a mask of shape (N,).
@@ -297,6 +338,7 @@ class LWR:
             self._table.copy(),
         )
         other._x, other._y = self._x.copy(), self._y.copy()
+        other._scratch = kernels.scratch_for(self.n_inputs, self.n_outputs)
         return other
 
     def save(self, path: str | Path) -> None:
@@ -340,6 +382,11 @@ class LWR:
         self._state[:] = state
         return self
 
+    def _learn(self, X: FloatArray, Y: FloatArray, start: int) -> int:
+        learn = kernels.update if self._parameters["levels"] == 1 else kernels.update_refining
+        done: int = learn(self._table, self._state, self._params, X, Y, start, self._scratch)
+        return done
+
     def _by_age(self) -> NDArray[np.int64]:
         order: NDArray[np.int64] = np.argsort(
             self._table[self._layout.books + kernels.BORN, : self.n_models], kind="stable"
@@ -354,8 +401,15 @@ class LWR:
     def _evaluate(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
         inputs = self._samples("X", X, self.n_inputs)
         Y, w_max = np.empty((len(inputs), self.n_outputs)), np.empty(len(inputs))
-        kernels.predict(self._table, self._state, inputs, Y, w_max)
+        kernels.predict(self._table, self._state, inputs, Y, w_max, self._scratch)
         return Y, w_max
+
+    def _deviation(self, X: ArrayLike, Y: FloatArray) -> FloatArray:
+        inputs = self._samples("X", X, self.n_inputs)
+        own, between = np.empty_like(Y), np.empty_like(Y)
+        kernels.deviation(self._table, self._state, inputs, Y, own, between)
+        deviation: FloatArray = np.sqrt(own + between)
+        return deviation
 
     def _samples(self, name: str, values: ArrayLike, width: int) -> FloatArray:
         array = np.require(values, dtype=np.float64, requirements=["C", "W"])
@@ -367,6 +421,16 @@ class LWR:
             bad = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
             raise ValueError(f"{name}[{bad}] = {array[bad]} is not finite; nothing was learned")
         return array
+
+
+def require_count(name: str, value: int, high: int) -> None:
+    """Refuse what is not a whole number from 1 to high.
+
+    Raises:
+        ConfigurationError: The value is out of range or no whole number.
+    """
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= high:
+        raise ConfigurationError(name, f"{value!r} must be a whole number from 1 to {high}")
 
 
 def require_between(name: str, value: float, low: float, high: float, *, closed: bool = False) -> None:

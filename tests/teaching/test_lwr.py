@@ -290,3 +290,90 @@ def test_read_only_samples_are_learned():
     X = np.zeros((2, 2))
     X.setflags(write=False)
     assert LWR().partial_fit(X, [0.0, 0.0]).n_samples == 2
+
+
+def test_the_standard_deviation_is_that_of_the_noise(rng):
+    X = rng.uniform(-0.2, 0.2, (20_000, 2))
+    skill = LWR().partial_fit(X, 0.1 + 0.2 * X[:, 1] + rng.normal(0.0, 0.03, len(X)))
+    points = rng.uniform(-0.15, 0.15, (20, 2))
+    Y, std = skill.predict(points, return_std=True)
+    assert Y.shape == std.shape == (20, 1)
+    np.testing.assert_allclose(std[:, 0], 0.03, rtol=0.1)
+    assert skill.query_std(*points[3]) == pytest.approx((Y[3, 0], skill.w_max(points)[3], std[3, 0]))
+
+
+@pytest.mark.parametrize(("n_inputs", "n_outputs"), [(2, 1), (3, 2)])
+def test_residuals_and_degrees_of_freedom_are_those_of_batch_least_squares(n_inputs, n_outputs, rng):
+    X, Y = rng.uniform(-1.0, 1.0, (80, n_inputs)), rng.normal(size=(80, n_outputs))
+    skill = LWR(n_inputs, n_outputs, D=1.0, w_gen=1e-300, w_cutoff=0.0, P0=1e9).partial_fit(X, Y)
+    Z = np.column_stack((X - X[0], np.ones(80)))
+    w = np.exp(-0.5 * np.sum((X - X[0]) ** 2, axis=1))
+    M = weighted_least_squares(X, Y, X[0], np.eye(n_inputs), ridge=1e-9)
+    variance = (w @ (Y - Z @ M) ** 2) / np.sum(w * (1.0 - np.array(list(running_leverage(Z, w)))))
+    point = np.zeros((1, n_inputs))
+    z = np.append(point[0] - X[0], 1.0)
+    P = np.linalg.inv(Z.T @ (w[:, None] * Z) + 1e-9 * np.eye(n_inputs + 1))
+    _, std = skill.predict(point, return_std=True)
+    np.testing.assert_allclose(std[0], np.sqrt(variance * (1.0 + z @ P @ z)), rtol=1e-6)
+
+
+def running_leverage(Z, w):
+    """Leverage of each sample when it came."""
+    information = 1e-9 * np.eye(Z.shape[1])
+    for z, weight in zip(Z, w, strict=True):
+        information = information + weight * np.outer(z, z)
+        yield weight * z @ np.linalg.solve(information, z)
+
+
+def test_a_learner_of_nothing_is_not_certain_of_anything():
+    Y, std = LWR().predict([[0.0, 0.0]], return_std=True)
+    assert (Y[0, 0], std[0, 0]) == (0.0, math.inf)
+    assert LWR().query_std(0.0, 0.0) == (0.0, 0.0, math.inf)
+    one = LWR().partial_fit([[0.0, 0.0]], [0.1])
+    assert one.query_std(0.0, 0.0)[2] >= 0.1
+
+
+def test_the_deviation_knows_where_the_skill_is_wrong_and_the_activation_does_not(paper, rng):
+    X = rng.uniform(-0.2, 0.2, (8000, 2))
+    skill = LWR().partial_fit(X, paper.reference_force / paper.stiffness_at(X))
+    grid = paper.grid()
+    Y, std = skill.predict(grid, return_std=True)
+    wrong = np.abs(paper.stiffness_at(grid) * Y[:, 0] - paper.reference_force) > 2.0
+    assert area_under_curve(std[:, 0], wrong) > 0.75
+    assert area_under_curve(-skill.w_max(grid), wrong) < 0.6
+
+
+def area_under_curve(score, label):
+    rank = np.argsort(np.argsort(score)) + 1.0
+    positive = label.sum()
+    return (rank[label].sum() - positive * (positive + 1) / 2) / (positive * (len(label) - positive))
+
+
+def test_refinement_learns_the_border_of_two_objects(paper, rng):
+    X = rng.uniform(-0.2, 0.2, (8000, 2))
+    y = paper.reference_force / paper.stiffness_at(X)
+    coarse, fine = LWR().partial_fit(X, y), LWR(levels=3, w_gen=0.5).partial_fit(X, y)
+    grid = paper.grid()
+    near = paper.border_distances(grid) <= 0.02
+
+    def error(skill):
+        return np.abs(paper.stiffness_at(grid) * skill.predict(grid)[:, 0] - paper.reference_force)[
+            near
+        ].mean()
+
+    assert error(fine) < 0.25 * error(coarse)
+    assert np.unique(fine.models.D[:, 0, 0]).tolist() == [400.0, 6400.0, 102_400.0]
+    assert fine.n_models < 1000
+
+
+def test_refinement_makes_nothing_where_the_prediction_is_right(rng):
+    X = rng.uniform(-0.2, 0.2, (3000, 2))
+    y = 0.1 + X[:, 0] * 0.1
+    assert LWR(levels=3).partial_fit(X, y).n_models <= 1.2 * LWR().partial_fit(X, y).n_models
+
+
+def test_refinement_has_more_inputs_and_outputs_too(rng):
+    X = rng.uniform(-0.2, 0.2, (3000, 3))
+    Y = np.sign(X[:, :2]) + 2.0
+    coarse, fine = LWR(3, 2).partial_fit(X, Y), LWR(3, 2, levels=2).partial_fit(X, Y)
+    assert np.mean((fine.predict(X) - Y) ** 2) < 0.5 * np.mean((coarse.predict(X) - Y) ** 2)
