@@ -39,7 +39,7 @@ class GuardianOptions:
     """The device."""
     segment: str
     """Path of the loop's segment."""
-    freeze_s: float = 0.05
+    freeze_s: float = 0.06
     """Silence of the loop after which the device is stopped [s]; 0 for none."""
     connect_timeout_s: float = 1.0
     """How long the connection may take [s]."""

@@ -44,8 +44,8 @@ class WatchOptions:
     """Silence of the application that trips [s]."""
     exchange_timeout_s: float = 0.05
     """Silence of the device after which the link counts as lost [s]."""
-    freeze_s: float = 0.05
-    """Silence of the loop after which the guardian stops the device [s]."""
+    freeze_s: float = 0.06
+    """Silence of the loop after which the guardian stops the device [s], longer than the device may take."""
     missed_s: float = 0.25
     """Missed periods at once, or in excess of every other one, that trip [s]."""
     stale_s: float = 0.0

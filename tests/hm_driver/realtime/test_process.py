@@ -184,7 +184,7 @@ def test_a_device_that_no_longer_answers_the_loop_is_stopped_by_the_guardian(dev
         run_ticks(loop, 10)
         struck_ns = time.monotonic_ns()
         device.control("silent", argument=True)
-        assert wait_until_it_trips(loop).reason == "link"
+        assert wait_until_it_trips(loop).reason in {"link", "loop_lost"}  # on a busy machine who is first
         stopped = device.wait_for("set state stop")
     assert (stopped[0] - struck_ns) * 1e-9 <= floor.allows(0.1)
 
