@@ -16,6 +16,9 @@ from typing import Any, Protocol, TypeVar, cast
 from numba import njit
 from numba.core.registry import CPUDispatcher
 
+_OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy", "forceinline": True, "_nrt": False}
+"""Kernels allocate nothing: inlining without counting references (``_nrt``) halves the cost of a step."""
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 
@@ -42,8 +45,7 @@ def kernel(function: F) -> F:
         digest.update(_describe(function.__globals__.get(name)).encode())
     stamp = digest.hexdigest()[:12]
     function.__qualname__ = f"{function.__qualname__}_{stamp}"
-    # Without counting references (the kernels allocate nothing) and inlined by force, a step takes half the time.
-    return cast("F", njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)(function))
+    return cast("F", njit(**_OPTIONS)(function))
 
 
 def interpreted(compiled: Callable[..., Any]) -> Callable[..., Any]:

@@ -176,7 +176,8 @@ def shaker_motion(effects: Numbers, row: int, step: float, sweep: float, ramp: f
     if omega > _TINY:
         amplitude = min(amplitude, effects[row + E_VELOCITY_MAX] / omega)
         amplitude = min(amplitude, effects[row + E_ACCELERATION_MAX] / (omega * omega))
-    amplitude *= min(1.0, time / ramp)
+    grown = min(1.0, time / ramp)
+    amplitude *= grown * grown * (3.0 - 2.0 * grown)
     phase = effects[row + E_PHASE] + omega * step
     if phase > _TWO_PI:
         phase -= _TWO_PI
