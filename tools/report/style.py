@@ -12,10 +12,12 @@ header { border-bottom: 3px solid #0072b2; padding-bottom: .6rem; margin-bottom:
 header p { margin: .2rem 0; }
 .origin { color: #4d4d4d; font-size: .9rem; overflow-wrap: anywhere; }
 .note { border-left: 5px solid #d55e00; background: #fdf1ea; padding: .6rem 1rem; margin: .6rem 0; }
-.cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(165px, 1fr)); gap: .8rem; margin: 1.2rem 0 2rem; }
-.card { border: 1px solid #d0d0d0; border-radius: 8px; padding: .7rem .9rem; display: flex; flex-direction: column; }
+.cards { display: grid; gap: .8rem; margin: 1.2rem 0 2rem;
+  grid-template-columns: repeat(auto-fit, minmax(165px, 1fr)); }
+.card { border: 1px solid #d0d0d0; border-radius: 8px; padding: .7rem .9rem;
+  display: flex; flex-direction: column; }
 .card .name { font-size: .85rem; color: #4d4d4d; }
-.card .value { font-size: 1.6rem; font-weight: 650; line-height: 1.3; }
+.card .value { white-space: nowrap; font-size: 1.6rem; font-weight: 650; line-height: 1.3; }
 .card .more { font-size: .82rem; color: #4d4d4d; margin-top: auto; }
 section { margin: 2.4rem 0; }
 figure { margin: 0; }
@@ -24,12 +26,13 @@ figcaption { max-width: 62rem; font-size: .95rem; color: #262626; margin-top: .5
 figcaption p { margin: .4rem 0; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; margin: .8rem 0 1.4rem; }
 th, td { padding: .32rem .7rem; text-align: right; border-bottom: 1px solid #dddddd; }
-thead th { border-bottom: 2px solid #4d4d4d; font-weight: 600; text-align: center; }
+thead th { white-space: nowrap; border-bottom: 2px solid #4d4d4d; font-weight: 600; text-align: center; }
 th[scope="row"] { text-align: left; font-weight: 600; }
 .facts th[scope="row"] { font-weight: 400; }
 .facts td { font-weight: 600; }
 td.text, th.text { text-align: left; }
-.errors { width: 100%; font-size: .92rem; }
+.errors { width: 100%; font-size: .9rem; }
+.errors th, .errors td { padding: .32rem .45rem; }
 details { margin: 1rem 0; border: 1px solid #d0d0d0; border-radius: 8px; padding: .6rem 1rem; }
 summary { cursor: pointer; font-weight: 600; }
 pre { white-space: pre-wrap; overflow-wrap: anywhere; font-size: .82rem; }

@@ -47,6 +47,8 @@ class Summary:
     """Periods of the loop that were skipped."""
     lost_messages: int
     """Messages that did not get into the log."""
+    force_change_n_per_ms: float
+    """Largest change of the commanded spring forces in z from a cycle to the next [N/ms]."""
     lateness_us: Lateness
     """Lateness of the loop [us]; means nothing on a virtual clock."""
     grid: ForceError
@@ -100,13 +102,14 @@ def analyse(data: SessionData) -> Analysis:
         coverage=metrics.coverage(evaluations[-1], data.w_th) if last else 0.0,
         hand_overs=metrics.hand_overs(data.ticks),
         session_s=float(time_s[-1] - time_s[0]),
-        practice_s=tick_s * int(np.count_nonzero(stage == PRACTICE)),
-        teaching_s=tick_s * int(np.count_nonzero(stage == TEACHING)),
-        autonomous_s=tick_s * int(np.count_nonzero(stage == AUTONOMOUS)),
+        practice_s=round(tick_s * int(np.count_nonzero(stage == PRACTICE)), 6),
+        teaching_s=round(tick_s * int(np.count_nonzero(stage == TEACHING)), 6),
+        autonomous_s=round(tick_s * int(np.count_nonzero(stage == AUTONOMOUS)), 6),
         update_times_s=tuple(skill.time_s for skill in data.skills),
         cycles=len(data.timing.lateness_us),
         missed_periods=data.timing.missed_periods,
         lost_messages=data.lost_messages,
+        force_change_n_per_ms=metrics.force_change(data.cycles),
         lateness_us=metrics.lateness(data.timing.lateness_us),
         grid=by_border(errors[-1] if errors else np.empty(0), border if errors else np.empty(0)),
         run=metrics.run_error(run),

@@ -12,14 +12,18 @@ from hm_driver.recording.schemas import DEVICE_CHANNELS, LOOP_BUNDLE
 from hm_driver.recording.spooler import Spooler
 from hm_driver.recording.writer import Attachment, LogWriter
 from teaching.messages import CHANNELS
-from teaching.session import Stage
+from teaching.session import SessionOptions, Stage
 from teaching.task_file import load_task
 from tools.run.demonstrator import build_demonstrator
 from tools.run.log import SessionLog
-from tools.run.options import TeachOptions, build_session
+from tools.run.options import AccumulationOptions, TeachOptions, build_session
 
 EPOCH_NS = 1_800_000_000_000_000_000
 MASS, SPRING = 3.0, 5000.0
+SHORT = TeachOptions(
+    accumulation=AccumulationOptions(N_acc=200),
+    session=SessionOptions(practice=1.0, give_up=14.0, autonomous_spacing=0.06, autonomous_speed=0.3),
+)
 
 
 class Arm:

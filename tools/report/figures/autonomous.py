@@ -17,8 +17,8 @@ BINS = 1000
 def draw_maps(analysis: Analysis) -> Figure:
     """The path of the run, coloured by the force error and by its two parts."""
     run, task = analysis.run, analysis.data.task
-    figure = Figure(figsize=(11.5, 4.55))
-    grid = figure.add_gridspec(1, 3, left=0.065, right=0.895, top=0.87, bottom=0.1, wspace=0.1)
+    figure = Figure(figsize=(11.5, 4.35))
+    grid = figure.add_gridspec(1, 3, left=0.065, right=0.895, top=0.9, bottom=0.12, wspace=0.1)
     panels = (
         ("Force error $|F - F_{ref}|$", run.force),
         ("of it, skill: $|K y - F_{ref}|$", run.skill),
@@ -26,7 +26,7 @@ def draw_maps(analysis: Analysis) -> Figure:
     )
     for column, (title, values) in enumerate(panels):
         axes = figure.add_subplot(grid[column])
-        axes.set_facecolor("#f5f5f5")
+        drawing.fill_plane(axes, task, "#dddddd")
         points = axes.scatter(
             run.x,
             run.y,
@@ -66,39 +66,40 @@ def draw_course(analysis: Analysis) -> Figure:
         linewidth=0.9,
         label="of it, rendering",
     )
-    course.set_title("Over time")
+    course.set_title("Over time", loc="left")
     course.set_xlabel("Time [s]")
     course.set_ylabel("Error [N]")
     course.set_ylim(bottom=0.0)
     course.margins(x=0.01)
-    course.legend(loc="upper right", ncols=2)
-    by_distance.set_title("By distance from the nearest border")
+    drawing.draw_legend(course, loc="lower right", ncols=2, bbox_to_anchor=(1.02, 0.99))
+    by_distance.set_title("By distance from the nearest border", loc="left")
     if analysis.errors:
         _draw_profile(
             by_distance, analysis.errors[-1], analysis.border, drawing.INK, "grid: learned skill", "-"
         )
     _draw_profile(by_distance, run.force, run.border, drawing.BLUE, "run: measured", (0, (4, 1.5)))
     top = by_distance.get_ylim()[1]
-    for edge, name in ((100.0 * BAND, "border"), (100.0 * INSIDE, "inside")):
-        by_distance.axvline(edge, color=drawing.GREY, linewidth=0.9, linestyle=":")
-        side = "right" if name == "border" else "left"
-        shift = -4 if name == "border" else 4
+    right = by_distance.get_xlim()[1]
+    for left, end, name, shade in (
+        (0.0, 100.0 * BAND, "border", "#fbe9df"),
+        (100.0 * INSIDE, right, "inside", "#eaf4ef"),
+    ):
+        by_distance.axvspan(left, end, color=shade, linewidth=0, zorder=0)
         by_distance.annotate(
             name,
-            (edge, top),
-            xytext=(shift, -3),
-            textcoords="offset points",
-            ha=side,
-            va="top",
+            ((left + end) / 2.0, 0.55 * top),
+            rotation=90 if end - left < 3.0 else 0,
+            ha="center",
+            va="center",
             style="italic",
             color="#4d4d4d",
             fontsize=11,
         )
     by_distance.set_xlabel("Distance [cm]")
     by_distance.set_ylabel("Error [N]")
-    by_distance.set_xlim(left=0.0)
+    by_distance.set_xlim(0.0, right)
     by_distance.set_ylim(0.0, top)
-    by_distance.legend(loc="upper right", bbox_to_anchor=(1.0, 0.9))
+    drawing.draw_legend(by_distance, loc="upper right")
     for axes in (course, by_distance):
         axes.grid(axis="y")
         axes.set_axisbelow(True)
@@ -115,7 +116,7 @@ def _draw_profile(
 ) -> None:
     if not np.isfinite(border).any():
         return
-    found = profile(errors, border)
+    found = profile(errors, border, width=0.01)
     centimetres = 100.0 * found.distance
     axes.fill_between(centimetres, found.mean, found.p95, color=colour, alpha=0.13, linewidth=0)
     axes.plot(

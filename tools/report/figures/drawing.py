@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
+from matplotlib.patches import Polygon, Rectangle
 
 from teaching.task import Task
 from tools.report.session_data import STAGE_NAMES, FloatArray, Ticks
@@ -83,6 +83,12 @@ def draw_borders(axes: Axes, task: Task, *, colour: str = INK, width: float = 1.
     axes.add_collection(lines)
 
 
+def fill_plane(axes: Axes, task: Task, colour: str) -> None:
+    """A ground of one colour under the plane."""
+    half = 0.5 * task.size
+    axes.add_patch(Rectangle((-half, -half), task.size, task.size, facecolor=colour, linewidth=0, zorder=0))
+
+
 def set_plane(axes: Axes, task: Task, *, labels: tuple[bool, bool] = (True, True)) -> None:
     """Scale and label axes that show the plane, with labels at the bottom and at the left if wanted."""
     half = 0.5 * task.size
@@ -102,6 +108,16 @@ def set_plane(axes: Axes, task: Task, *, labels: tuple[bool, bool] = (True, True
         axes.set_ylabel("y [m]")
     else:
         axes.set_yticklabels([])
+
+
+def draw_legend(axes: Axes, **options: Any) -> None:  # noqa: ANN401 - as matplotlib takes them
+    """A legend whose lines are thick enough to tell their colours, where there is something to name."""
+    handles, names = axes.get_legend_handles_labels()
+    if not handles:
+        return
+    legend = axes.legend(handles, names, **options)
+    for line in legend.get_lines():
+        line.set_linewidth(2.2)
 
 
 def as_image(values: FloatArray) -> FloatArray:

@@ -23,7 +23,7 @@ def draw(analysis: Analysis) -> Figure:
         4,
         1,
         height_ratios=(3.0, 1.0, 2.2, 0.32),
-        left=0.075,
+        left=0.1,
         right=0.985,
         top=0.87,
         bottom=0.085,
@@ -38,8 +38,8 @@ def draw(analysis: Analysis) -> Figure:
     top = max(1.6 * reference, 1.05 * float(np.quantile(ticks.force, 0.999)))
     force.set_ylim(0.0, top)
     force.set_ylabel("Force $F_z$ [N]")
-    force.legend(
-        loc="lower right", ncols=2, facecolor="white", frameon=True, edgecolor="none", framealpha=0.85
+    drawing.draw_legend(
+        force, loc="lower right", ncols=2, facecolor="white", frameon=True, edgecolor="none", framealpha=0.85
     )
     for skill in data.skills:
         force.plot(skill.time_s, top, marker="o", markersize=8, color=drawing.INK, clip_on=False, zorder=6)
@@ -73,7 +73,7 @@ def draw(analysis: Analysis) -> Figure:
     half = 0.5 * data.task.size
     position.set_ylim(-1.1 * half, 1.35 * half)
     position.set_ylabel("Position [m]")
-    position.legend(loc="upper right", ncols=2, borderaxespad=0.1)
+    drawing.draw_legend(position, loc="upper right", ncols=2, borderaxespad=0.1)
     _draw_objects(colours, data)
     for axes in (force, control, position, colours):
         axes.set_xlim(ticks.time_s[0], ticks.time_s[-1])

@@ -41,7 +41,7 @@ def draw(data: SessionData) -> Figure:
     whole.set_xlabel("Time [s]")
     low, high = np.nanmin(handle, initial=0.0), np.nanmax(handle, initial=1.0)
     whole.set_ylim(high + 0.2 * (high - low), low - 0.05 * (high - low))
-    whole.legend(loc="lower right", ncols=2)
+    drawing.draw_legend(whole, loc="lower right", ncols=2)
     depth, force = figure.add_subplot(grid[1, 0]), figure.add_subplot(grid[1, 1])
     at = hand_over_time(data)
     part = (cycles.time_s >= at - BEFORE_S) & (cycles.time_s <= at + AFTER_S)
@@ -54,7 +54,7 @@ def draw(data: SessionData) -> Figure:
     depth.set_ylabel("Depth below surface [mm]")
     depth.invert_yaxis()
     depth.set_title("A hand-over to the skill")
-    depth.legend(loc="best", fontsize=10)
+    drawing.draw_legend(depth, loc="best", fontsize=10)
     force.plot(
         time_s, cycles.spring_force_z[part], color=drawing.ORANGE, linewidth=1.8, label="position spring"
     )
@@ -68,7 +68,7 @@ def draw(data: SessionData) -> Figure:
     )
     force.set_ylabel("Commanded force in z [N]")
     force.set_title("The spring forces meanwhile")
-    force.legend(loc="best", fontsize=10)
+    drawing.draw_legend(force, loc="best", fontsize=10)
     for axes in (depth, force):
         axes.set_xlabel("Time [s]")
         axes.set_xlim(at - BEFORE_S, at + AFTER_S)

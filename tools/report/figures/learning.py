@@ -39,7 +39,7 @@ def draw(analysis: Analysis) -> Figure:
         )
         images = []
         for axes, (values, colours, most) in zip(rows[:2], pictures, strict=True):
-            axes.set_facecolor(drawing.PALE)
+            drawing.fill_plane(axes, data.task, drawing.PALE)
             shown = drawing.as_image(np.where(has_model, values, np.nan))
             images.append(
                 axes.imshow(
@@ -65,6 +65,17 @@ def draw(analysis: Analysis) -> Figure:
         figure.colorbar(image, cax=bar, extend="max")
         bar.set_ylabel(name, fontsize=11, labelpad=6)
         bar.tick_params(labelsize=10.5)
+    rows[2].annotate(
+        "Path and\nlocal models",
+        (1.0, 0.5),
+        xycoords="axes fraction",
+        xytext=(26, 0),
+        textcoords="offset points",
+        rotation=90,
+        ha="center",
+        va="center",
+        fontsize=11,
+    )
     _legend(figure)
     return figure
 
@@ -84,9 +95,9 @@ def _draw_path(axes: Axes, analysis: Analysis, index: int) -> None:
     shown = (ticks.time_s <= until) & (ticks.stage == 1)
     x, y, C = ticks.x[shown], ticks.y[shown], ticks.C[shown]
     kinds = (
-        (C >= 1.0, drawing.INK, 1.3),
-        ((C > 0.0) & (C < 1.0), "#9a9a9a", 1.3),
-        (C <= 0.0, drawing.GREEN, 1.3),
+        (C >= 1.0, drawing.INK, 1.5),
+        ((C > 0.0) & (C < 1.0), "#9a9a9a", 1.5),
+        (C <= 0.0, drawing.GREEN, 1.5),
     )
     for chosen, colour, width in kinds:
         line = _gaps(x, y, chosen)
@@ -102,8 +113,8 @@ def _draw_path(axes: Axes, analysis: Analysis, index: int) -> None:
         offset_transform=axes.transData,
         facecolors="none",
         edgecolors=drawing.BLUE,
-        linewidths=0.7,
-        alpha=0.75,
+        linewidths=0.9,
+        alpha=0.7,
         zorder=3,
     )
     axes.add_collection(ellipses)
@@ -143,7 +154,7 @@ def _gaps(x: FloatArray, y: FloatArray, chosen: FloatArray) -> tuple[FloatArray,
 
 
 def activation_ellipses(D: FloatArray, w: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Full widths, heights [m] and angles [deg] of the ellipses where fields of D, (N, 2, 2), activate by w."""
+    """Full widths, heights [m] and angles [deg] of the ellipses where fields of D, (N, 2, 2), reach w."""
     values, vectors = np.linalg.eigh(D)
     axes = 2.0 * np.sqrt(-2.0 * np.log(w) / values)
     angles = np.degrees(np.arctan2(vectors[:, 1, 0], vectors[:, 0, 0]))

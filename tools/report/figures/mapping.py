@@ -63,7 +63,7 @@ def draw(data: SessionData) -> Figure:
     above.margins(0.05)
     above.autoscale_view()
     above.invert_yaxis()
-    above.legend(loc="upper center", ncols=2, bbox_to_anchor=(0.5, 0.06 + 0.02), fontsize=10)
+    drawing.draw_legend(above, loc="upper left", fontsize=10, borderaxespad=0.1, handlelength=1.2)
     _draw_side(side, data)
     return figure
 

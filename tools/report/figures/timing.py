@@ -4,10 +4,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tools.report.figures import drawing
-from tools.report.metrics import decimate, lateness
+from tools.report.metrics import lateness
 from tools.report.session_data import SessionData
 
-BINS = 1000
+BINS = 500
 
 
 def draw(data: SessionData) -> Figure:
@@ -20,11 +20,16 @@ def draw(data: SessionData) -> Figure:
     )
     course, tail = figure.add_subplot(grid[0]), figure.add_subplot(grid[1])
     n = min(len(late), len(data.cycles.time_s))
-    course.plot(*decimate(data.cycles.time_s[:n], late[:n], BINS), color=drawing.BLUE, linewidth=0.8)
+    parts = np.array_split(late[:n], min(BINS, n))
+    middles = [float(part[len(part) // 2]) for part in np.array_split(data.cycles.time_s[:n], len(parts))]
+    course.plot(middles, [part.max() for part in parts], color=drawing.BLUE, linewidth=0.9, label="largest")
+    medians = [np.median(part) for part in parts]
+    course.plot(middles, medians, color=drawing.ORANGE, linewidth=1.4, label="median")
+    drawing.draw_legend(course, loc="lower right", ncols=2, bbox_to_anchor=(1.02, 0.99))
     course.set_yscale("log")
     course.set_xlabel("Time [s]")
     course.set_ylabel("Lateness [µs]")
-    course.set_title("Lateness of the loop's cycles")
+    course.set_title(f"Lateness, in {len(parts)} intervals", loc="left")
     course.margins(x=0.01)
     ordered = np.sort(late)[::-1]
     share = np.arange(1, len(ordered) + 1) / len(ordered)
@@ -34,7 +39,7 @@ def draw(data: SessionData) -> Figure:
     tail.set_yscale("log")
     tail.set_xlabel("Lateness [µs]")
     tail.set_ylabel("Cycles later than that [%]")
-    tail.set_title("Its distribution")
+    tail.set_title("Its distribution", loc="left")
     quantiles = lateness(timing.lateness_us)
     for value, part, name in (
         (quantiles.p50, 50.0, "median"),
@@ -45,7 +50,9 @@ def draw(data: SessionData) -> Figure:
         tail.annotate(
             f"{name}: {value:.0f} µs",
             (max(value, 0.1), part),
-            xytext=(7, 3),
+            xytext=(-8, -4),
+            ha="right",
+            va="top",
             textcoords="offset points",
             fontsize=10.5,
         )
