@@ -132,6 +132,7 @@ class EmulatorServer:
         self._writers: list[Connection] = []
         self._late: set[Connection] = set()
         self._are_lists_stale = True
+        self._is_work_left = False
         self._turn = 0
         self._accepted = 0
         self._resets = 0
@@ -243,11 +244,11 @@ class EmulatorServer:
                 self._lose(connection)
             elif connection.requests:
                 self._ready.append(connection)
-                self._are_lists_stale = True
 
     def _carry_out(self, may_go: Callable[[Connection], bool]) -> None:
         """Carry out requests in turn, until the next tick is due."""
         waiting = []
+        was_left = self._is_work_left
         while self._ready:
             connection = self._ready.popleft()
             if not connection.requests or connection.outgoing:
@@ -260,11 +261,12 @@ class EmulatorServer:
                 self._ready.append(connection)
             elif connection.is_closing:
                 self._end_if_done(connection)
-            else:
-                self._are_lists_stale = True
             if not self._is_lockstep and time.monotonic_ns() >= self._grid.next_ns:
                 break
         self._ready.extend(waiting)
+        self._is_work_left = bool(self._ready)
+        if was_left or self._is_work_left:
+            self._are_lists_stale = True
 
     def _answer(self, connection: Connection, request: str) -> None:
         decoder = connection.dialect_decoder()
