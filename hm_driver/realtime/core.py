@@ -20,6 +20,8 @@ from hm_driver.realtime.segment import PARENT_LOST, Segment, Trip, Word
 from hm_driver.realtime.surroundings import Surroundings
 from hm_driver.realtime.trace import Trace
 
+__all__ = ["CycleFunction", "LoopCore", "Recording"]
+
 # Plain integers: an enumeration's member costs a look-up in every cycle.
 _STOP_REQUESTED = int(Word.STOP_REQUESTED)
 _APP_HEARTBEAT = int(Word.APP_HEARTBEAT_NS)

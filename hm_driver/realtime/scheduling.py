@@ -23,7 +23,6 @@ from hm_driver.errors import ConfigurationError, LoopError
 
 _PR_SET_TIMERSLACK = 29
 _PR_GET_TIMERSLACK = 30
-_PR_SET_PDEATHSIG = 1
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 _RLIMIT_RTTIME = 15
 _SHORTEST_RTTIME_US = 20_000
@@ -163,11 +162,6 @@ def timer_slack_ns() -> int | None:
     """Timer slack of the calling thread [ns], or None where the platform has none."""
     slack_ns = _prctl(_PR_GET_TIMERSLACK, 0)
     return slack_ns if slack_ns >= 0 else None
-
-
-def signal_at_parent_death(signal_number: int) -> bool:
-    """Ask the kernel for a signal when the parent thread ends; whether it will send one."""
-    return _prctl(_PR_SET_PDEATHSIG, signal_number) == 0
 
 
 def _climb(priority: int, best: Rung, refusals: list[str]) -> Rung:

@@ -90,6 +90,33 @@ def test_the_loop_s_process_imports_the_standard_library_and_the_driver_alone(de
     assert not set(names) & {"numpy", "numba", "google", "mcap", "scipy", "matplotlib"}
 
 
+WITHOUT_PRIVILEGE = """
+import ctypes, sys, time
+from hm_driver.realtime.options import LoopOptions, WatchOptions
+from hm_driver.realtime.process import LoopProcess
+libc = ctypes.CDLL(None)
+for capability in (14, 23, 24):  # lock memory, nice and scheduling, resources: gone for every child
+    libc.prctl(24, capability, 0, 0, 0)
+watch = WatchOptions(heartbeat_s=2.0, exchange_timeout_s=1.0, freeze_s=2.0, missed_s=5.0)
+with LoopProcess(LoopOptions(url=sys.argv[1], watch=watch)) as loop:
+    loop.start()
+    time.sleep(0.2)
+result = loop.result()
+print(result.status.name, result.rung, result.scheduling, sep="|")
+"""
+
+
+@pytest.mark.skipif(
+    not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can give up capabilities"
+)
+def test_without_privilege_the_loop_runs_and_says_so(device):
+    command = [sys.executable, "-c", WITHOUT_PRIVILEGE, device.url]
+    told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=30).stdout  # ours
+    status, rung, scheduling = told.strip().split("|")
+    assert (status, rung) == ("STOPPED", "slack")
+    assert "SCHED_FIFO 80: Operation not permitted" in scheduling
+
+
 def test_nothing_that_listens_is_a_transport_error():
     with LoopProcess(LoopOptions(url="tcp://127.0.0.1:1")) as loop, pytest.raises(TransportError):
         loop.start()

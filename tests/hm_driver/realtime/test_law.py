@@ -1,0 +1,75 @@
+import sys
+import time
+
+import pytest
+
+from hm_driver.errors import ConfigurationError
+from hm_driver.realtime.law import LawRunner, load_law
+from hm_driver.realtime.setpoint import LoopState, SetPoint
+
+MS = 1_000_000
+
+
+@pytest.fixture
+def module(tmp_path, monkeypatch):
+    """Writes a module of the user, and returns the path of its law."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+    def write(name, text):
+        (tmp_path / f"{name}.py").write_text(text)
+        return f"{name}:Law"
+
+    yield write
+    for name in [name for name in sys.modules if name.startswith("users_") or name == "pandas"]:
+        del sys.modules[name]
+
+
+def test_a_law_is_loaded_and_run(module):
+    path = module(
+        "users_good",
+        "class Law:\n    def step(self, state, command, dt):\n        return command._replace(bias_x=1.0)\n",
+    )
+    set_point, problem = load_law(path, period_ns=MS).step(LoopState(), SetPoint(target_z=0.5), 0.001)
+    assert problem == ""
+    assert SetPoint(*set_point) == SetPoint(target_z=0.5, bias_x=1.0)
+
+
+def law(body, before=""):
+    return f"{before}\nclass Law:\n    def step(self, state, command, dt):\n        {body}\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "reason"),
+    [
+        ("users_heavy", law("return command", "import pandas"), "imports pandas"),
+        ("users_raises", law("return 1 / 0"), "ZeroDivisionError"),
+        ("users_nan", law("return command._replace(bias_x=float('nan'))"), "nan"),
+        ("users_short", law("return command[:3]"), "not a SetPoint"),
+        ("users_none", law("pass"), "TypeError"),
+        ("users_slow", law("time.sleep(0.001); return command", "import time"), "took"),
+        ("users_empty", "", "AttributeError"),
+        ("users_broken", "class Law\n", "SyntaxError"),
+    ],
+)
+def test_a_law_that_would_not_do_is_refused_with_the_reason(module, tmp_path, name, text, reason):
+    (tmp_path / "pandas.py").write_text("")  # stands for what the loop refuses, wherever that is installed
+    with pytest.raises(ConfigurationError, match=reason):
+        load_law(module(name, text), period_ns=MS)
+
+
+@pytest.mark.parametrize("path", ["", "module", ":Law", "module:"])
+def test_a_path_that_is_not_module_and_class_is_refused(path):
+    with pytest.raises(ConfigurationError, match="module:Class"):
+        load_law(path, period_ns=MS)
+
+
+def test_a_law_may_be_late_twice_in_a_row_and_not_three_times():
+    class Law:
+        def step(self, state, command, dt):  # noqa: ARG002  # a law's signature
+            time.sleep(0.0015)
+            return command
+
+    runner = LawRunner(Law(), name="slow", budget_ns=MS)
+    problems = [runner.step(LoopState(), SetPoint(), 0.001)[1] for _ in range(3)]
+    assert problems[:2] == ["", ""]
+    assert "1000 µs are allowed" in problems[2]
