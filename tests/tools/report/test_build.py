@@ -6,7 +6,6 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from synthetic import SHORT, write_session
 
 from hm_driver.errors import RecordingError
 from hm_driver.geometry import ArmGeometry, cartesian_to_joint
@@ -107,8 +106,8 @@ def test_every_column_that_the_report_reads_is_written(short_log):
     assert data.task.to_dict() == load_task("paper").to_dict()
 
 
-def test_a_session_that_was_cut_off_before_any_update_is_still_reported(tmp_path):
-    log = write_session(tmp_path / "cut.mcap", options=SHORT, stop_s=2.0, finish=False)
+def test_a_session_cut_off_before_any_update_is_still_reported(tmp_path, write_session, short_options):
+    log = write_session(tmp_path / "cut.mcap", options=short_options, stop_s=2.0, finish=False)
     summary = build_report(log, tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert summary.updates == 0
@@ -119,13 +118,13 @@ def test_a_session_that_was_cut_off_before_any_update_is_still_reported(tmp_path
     assert outline_of(tmp_path / "report.html").sections == SECTIONS - {"learning", "run-maps", "run-course"}
 
 
-def test_a_task_of_one_object_has_no_borders_and_is_reported(tmp_path):
+def test_a_task_of_one_object_has_no_borders_and_is_reported(tmp_path, write_session, short_options):
     task = tmp_path / "one.toml"
     task.write_text(
         'name = "one"\n[plane]\n[reference]\n[[objects]]\nname = "all"\ncolour = "green"\nstiffness = 200.0\n'
         "rectangle = [-0.2, -0.2, 0.2, 0.2]\n"
     )
-    log = write_session(tmp_path / "one.mcap", options=replace(SHORT, task=str(task)), stop_s=6.0)
+    log = write_session(tmp_path / "one.mcap", options=replace(short_options, task=str(task)), stop_s=6.0)
     summary = build_report(log, tmp_path / "report.html")
     assert summary.updates >= 1
     assert math.isnan(summary.grid.border.mean)
