@@ -24,7 +24,7 @@ from emulator.device import EmulatedDevice
 from emulator.faults import FaultInjector
 from emulator.grid import TickGrid
 from emulator.interpreter import Interpreter
-from emulator.reply_faults import spoil, wait_s
+from emulator.reply_faults import LateReplies
 from emulator.world_service import MAX_LINE, WorldService
 from hm_driver.errors import ConfigurationError, ProtocolError
 from hm_driver.protocol.framing import Dialect, RequestDecoder, encode_reply, render_value
@@ -38,8 +38,6 @@ MAX_ACCEPTED_A_TICK = 8
 """Most connections that are accepted between two ticks."""
 PATIENCE_NS = 10_000_000_000
 """How long a client may leave a request incomplete [ns]."""
-MERGE_PATIENCE_NS = 100_000_000
-"""How long replies that are to be merged wait for each other [ns]."""
 
 _BACKLOG = 128
 _HOUSEKEEPING_NS = 1_000_000_000
@@ -130,7 +128,7 @@ class EmulatorServer:
         self._ready: deque[Connection] = deque()
         self._readers: list[socket.socket | Connection | int] = []
         self._writers: list[Connection] = []
-        self._late: set[Connection] = set()
+        self._late = LateReplies(faults)
         self._are_lists_stale = True
         self._is_work_left = False
         self._turn = 0
@@ -284,7 +282,7 @@ class EmulatorServer:
             self._note(connection, ">", request)
             self._note(connection, "<", reply.decode("ascii", "replace"))
         if self._faults.link.is_active or connection.late:
-            self._send_faulty(connection, reply, dialect)
+            self._late.keep(connection, reply, dialect, time.monotonic_ns())
         else:
             self._send(connection, reply)
 
@@ -294,32 +292,10 @@ class EmulatorServer:
         elif connection.outgoing:
             self._are_lists_stale = True
 
-    def _send_faulty(self, connection: Connection, reply: bytes, dialect: Dialect) -> None:
-        link, random = self._faults.link, self._faults.random
-        reply = spoil(reply, dialect, link, random)
-        if not reply:
-            return
-        due = time.monotonic_ns() + round(wait_s(link, random) * 1e9)
-        if link.merged > 1:
-            due += MERGE_PATIENCE_NS
-        cut = len(reply) // 2 if link.split_s else len(reply)
-        connection.late.append((due, reply[:cut]))
-        if cut < len(reply):
-            connection.late.append((due + round(link.split_s * 1e9), reply[cut:]))
-        self._late.add(connection)
-
     def _send_late(self, now_ns: int) -> None:
-        merged = self._faults.link.merged
-        for connection in tuple(self._late):
-            late = connection.late
-            while late and (late[0][0] <= now_ns or 1 < merged <= len(late)):
-                data = late.popleft()[1]
-                while merged > 1 and late:
-                    data += late.popleft()[1]
-                self._send(connection, data)
-            if not late:
-                self._late.discard(connection)
-                self._are_lists_stale = True
+        for connection, data in self._late.take_due(now_ns):
+            self._send(connection, data)
+            self._are_lists_stale = True
 
     def _flush(self, connection: Connection) -> None:
         if not connection.flush():
@@ -382,7 +358,7 @@ class EmulatorServer:
         if connection not in self._connections:
             return
         self._connections.discard(connection)
-        self._late.discard(connection)
+        self._late.forget(connection)
         self._are_lists_stale = True
         connection.requests.clear()
         with suppress(OSError):

@@ -141,6 +141,19 @@ def test_scheduling_says_what_was_granted_and_what_not():
     assert schedule_realtime.__module__ == "emulator.scheduling"
 
 
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give up being root")
+def test_without_privilege_the_ladder_ends_on_a_lower_rung_and_says_why():
+    code = (
+        "import os, resource, sys\nfrom emulator.scheduling import schedule_realtime\n"
+        "resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))\n"
+        "resource.setrlimit(resource.RLIMIT_NICE, (0, 0))\n"
+        "os.setuid(65534)\nsys.stdout.write(str(schedule_realtime(lock_memory=False)))\n"
+    )
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert told.startswith("plain")
+    assert "refused: SCHED_FIFO" in told
+
+
 @pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
 def test_the_command_names_its_addresses_and_ends_cleanly(ending):
     command = [sys.executable, "-m", "tools.cli.main", "emulate", "--listen", "tcp://127.0.0.1:0"]
