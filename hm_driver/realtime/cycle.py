@@ -9,7 +9,8 @@ Modes
     phase. An axis without an engaged spring is in admittance mode.
 
 Bumpless by construction
-    Engaging starts at the handle with a cap of nearly zero; releasing lowers the cap until nothing is left.
+    Engaging starts at the handle with a cap of nearly zero; releasing lowers the cap, from the force there is,
+    until nothing is left.
     In between, the reference's velocity may change the spring's force by no more than the force rate, judged
     with the handle at rest or moving as it does now, whichever lets the reference follow the handle; its
     speed never exceeds the limit. As the smaller of two values changes no faster than the faster of the two,
@@ -190,7 +191,7 @@ def step_spring(
         s[base + PHASE] = POSITION
         cap = min(s[base + CAP] + rate * dt, p[P_SPRING + spring * P_STRIDE + FORCE_MAX])
     else:
-        cap = min(s[base + CAP], abs(raw)) - rate * dt
+        cap = min(s[base + CAP], abs(s[S_FORCE + spring])) - rate * dt
         s[base + PHASE] = RELEASING
         if cap <= 0.0:
             s[base + PHASE] = ADMITTANCE
