@@ -1,0 +1,1 @@
+"""Hands: whoever holds the end effector, a person or a simulated demonstrator."""
