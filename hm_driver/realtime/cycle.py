@@ -9,12 +9,11 @@ Modes
     phase. An axis without an engaged spring is in admittance mode.
 
 Bumpless by construction
-    Engaging starts at the handle with a cap of nearly zero; releasing lowers the cap, from the force there is,
-    until nothing is left.
-    In between, the reference's velocity may change the spring's force by no more than the force rate, judged
-    with the handle at rest or moving as it does now, whichever lets the reference follow the handle; its
-    speed never exceeds the limit. As the smaller of two values changes no faster than the faster of the two,
-    the force of each spring obeys the rate at every hand-over, mode change and update.
+    Engaging starts at the handle with a cap of nearly zero; releasing lowers the cap, from the force there
+    is, until nothing is left. In between, the reference's velocity may change the spring's force by no more
+    than the force rate, judged with the handle at rest or moving as it does now, whichever lets the reference
+    follow the handle; its speed never exceeds the limit. As the smaller of two values changes no faster than
+    the faster of the two, the force of each spring obeys the rate at every hand-over, mode change and update.
 """
 
 import math
