@@ -73,8 +73,8 @@ def add_spring(
     """Add a spring stretched by x, y, z [m], whose end moves by vx, vy, vz [m/s] against its anchor.
 
     F = -k e - B v with e the stretch beyond the dead band and B = 2 zeta sqrt(k m). With a direction both
-    act along it alone. Within the dead band nothing acts, unless ``dampglobal`` is set: then B acts
-    everywhere and in all directions. The whole force is limited to ``maxforce``.
+    act along it alone, and within the dead band nothing acts; but with ``dampglobal`` the damping acts
+    everywhere, in all directions and against the world. The whole force is limited to ``maxforce``.
     """
     k = effects[row + E_STIFFNESS]
     b = 2.0 * effects[row + E_DAMPING_RATIO] * math.sqrt(k * state[S_INERTIA])
@@ -117,9 +117,9 @@ def add_spring(
             fz -= b * vz
             isotropic += 0.5 * step * b
     if everywhere:
-        fx -= b * vx
-        fy -= b * vy
-        fz -= b * vz
+        fx -= b * (vx + effects[row + E_VELOCITY])
+        fy -= b * (vy + effects[row + E_VELOCITY + 1])
+        fz -= b * (vz + effects[row + E_VELOCITY + 2])
         isotropic += 0.5 * step * b
     size = math.sqrt(fx * fx + fy * fy + fz * fz)
     limit = effects[row + E_MAX_FORCE]

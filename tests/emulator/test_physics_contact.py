@@ -104,7 +104,7 @@ def test_contact_gives_back_no_more_energy_than_it_got(
 def test_an_elastic_bounce_keeps_the_energy_wherever_in_a_step_the_surface_is_met(stiffness, inertia, gap):
     parameters = {"pos": (0.0, 0.0, -0.001 - gap)}
     _, last = bounce(
-        EffectKind.FLAT_PLANE, parameters, (0.0, 0.0, -0.5), inertia, stiffness=stiffness, steps=400
+        EffectKind.FLAT_PLANE, parameters, (0.0, 0.0, -0.5), inertia, stiffness=stiffness, steps=1200
     )
     assert last == pytest.approx(1.0, abs=1e-9 + 2.0 * (stiffness / inertia) / 2500.0**2)
 
@@ -183,3 +183,15 @@ def test_a_hand_that_rests_on_a_wall_takes_no_energy_out_of_the_arm(wall, inerti
     # The structure gives back what it stores while the hand loads it: F^2 / 2k, a tenth of a millijoule here.
     assert lowest > -1e-4
     assert np.abs(rest[:, 2]).max() < 0.01
+
+
+@pytest.mark.parametrize(("inertia", "stable"), [(0.5, False), (2.0, True), (3.0, True)])
+def test_a_stiff_hand_shakes_too_small_a_virtual_mass_and_no_allowed_one(inertia, stable):
+    arm = quiet_arm(inertia=inertia)
+    zero = (0.0, 0.0, 0.0)
+    arm.set_hand((0.0, 0.0, -0.001), zero, (10000.0,) * 3, (20.0,) * 3, zero)
+    arm.step(2500)
+    early = np.abs(run(arm, 500, layout.O_TIP_VELOCITY)[:, 2]).max()
+    arm.step(2500)
+    late = np.abs(run(arm, 500, layout.O_TIP_VELOCITY)[:, 2]).max()
+    assert bool(late < max(0.005, 0.95 * early)) is stable
