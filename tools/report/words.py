@@ -99,18 +99,20 @@ def borders(analysis: Analysis) -> list[str]:
 
 def handle(analysis: Analysis) -> list[str]:
     """Reference and handle."""
+    summary = analysis.summary
     first = """<b>Top:</b> depth of the handle below the surface (drawn downwards), and the reference of
-        position mode while it is engaged: C &lt; 1 and the autonomous run. <b>Bottom:</b> the first
-        hand-over to the skill, with the commanded forces of the two virtual springs: the assist that helps
-        the human to hold his own height, and the spring of position mode. They are ramped, so that nobody
-        at the handle feels a step."""
-    rendering = analysis.summary.run.rendering.overall.mean
-    if math.isnan(rendering):
-        return [first]
-    return [
-        first,
-        f"In the autonomous run the handle missed its reference by {_n(rendering)} of force on average.",
-    ]
+        position mode while it is engaged: C &lt; 1 and the autonomous run. <b>Bottom:</b> the first hand-over
+        to the skill, with the commanded forces of the two virtual springs: the assist that helps the human to
+        hold his own height, and the spring of position mode. They are ramped, so that a hand-over is no jerk."""
+    paragraphs = [first]
+    change, rendering = summary.force_change_n_per_ms, summary.run.rendering.overall.mean
+    if math.isfinite(change):
+        paragraphs.append(f"The springs' force in z changed by {change:.2f} N per ms at most in the session.")
+    if math.isfinite(rendering):
+        paragraphs.append(
+            f"In the autonomous run the handle missed its reference by {_n(rendering)} of force on average."
+        )
+    return paragraphs
 
 
 def mapping(analysis: Analysis) -> list[str]:
