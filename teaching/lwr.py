@@ -11,29 +11,16 @@ Example:
     1.0
 """
 
-import math
-from pathlib import Path
-from typing import Any, Final, Literal, Self, overload
+from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from hm_driver.errors import ConfigurationError
 from teaching import kernels
 from teaching.kernels import FloatArray, Layout
-from teaching.learner import ModelSet
-
-Prune = Literal["overlap", "paper", "never"]
-PRUNE_MODES: Final[dict[str, int]] = {
-    "never": kernels.PRUNE_NEVER,
-    "overlap": kernels.PRUNE_OVERLAP,
-    "paper": kernels.PRUNE_PAPER,
-}
-FORMAT: Final = 1
-"""Version of the files that :meth:`LWR.save` writes."""
+from teaching.local_models import LocalModels, Prune, metric_matrix, require_between, require_count
 
 
-class LWR:
+class LWR(LocalModels):
     """Receptive fields of one fixed size with recursive least squares in each.
 
     Where the paper is silent or contradicts itself:
@@ -98,381 +85,31 @@ class LWR:
         require_count("n_outputs", n_outputs, 1000)
         require_count("capacity", capacity, 10_000_000)
         require_count("levels", levels, 8)
-        require_between("w_gen", w_gen, 0.0, 1.0)
-        require_between("w_prune", w_prune, 0.0, 1.0)
-        require_between("lam", lam, 0.0, 1.0, closed=True)
-        require_between("P0", P0, 0.0, 1e15, closed=True)
-        require_between("w_cutoff", w_cutoff, -math.ulp(0.0), min(w_gen, 0.1), closed=True)
         require_between("ratio", ratio, 1.0, 1000.0, closed=True)
         require_between("tolerance", tolerance, 0.0, 10.0, closed=True)
-        if prune not in PRUNE_MODES:
-            raise ConfigurationError("prune", f"{prune!r} is none of {', '.join(sorted(PRUNE_MODES))}")
-        self._parameters: dict[str, Any] = {
+        parameters: dict[str, Any] = {
             "n_inputs": n_inputs,
             "n_outputs": n_outputs,
             "D": metric_matrix(D, n_inputs),
-            "w_gen": float(w_gen),
-            "w_prune": float(w_prune),
-            "lam": float(lam),
-            "P0": float(P0),
-            "w_cutoff": float(w_cutoff),
+            "w_gen": w_gen,
+            "w_prune": w_prune,
+            "lam": lam,
+            "P0": P0,
+            "w_cutoff": w_cutoff,
             "prune": prune,
             "levels": levels,
-            "ratio": float(ratio),
-            "tolerance": float(tolerance),
+            "ratio": ratio,
+            "tolerance": tolerance,
         }
-        self._layout = Layout(n_inputs, n_outputs)
-        inverse = np.linalg.inv(self._parameters["D"])
-        triangle = np.triu_indices(n_inputs)
-        chosen = [w_gen, w_prune, lam, P0, PRUNE_MODES[prune], tolerance, ratio, levels, np.trace(inverse)]
-        self._params = np.array([*chosen, *self._parameters["D"][triangle]], dtype=float)
-        self._state = np.zeros(kernels.STATE_SIZE)
-        self._state[kernels.REACH] = math.sqrt(inverse[0, 0])
-        self._state[kernels.Q_CUT] = -2.0 * math.log(w_cutoff) if w_cutoff > 0.0 else math.inf
-        self._table = np.zeros((self._layout.rows, capacity))
-        self._x, self._y = np.zeros((1, n_inputs)), np.zeros((1, n_outputs))
-        self._scratch = kernels.scratch_for(n_inputs, n_outputs)
-
-    @property
-    def n_inputs(self) -> int:
-        """Number of inputs d."""
-        return self._layout.n_inputs
-
-    @property
-    def n_outputs(self) -> int:
-        """Number of outputs m."""
-        return self._layout.n_outputs
-
-    @property
-    def n_models(self) -> int:
-        """Number of local models N that there are now."""
-        return int(self._state[kernels.N_MODELS])
-
-    @property
-    def n_added(self) -> int:
-        """Number of models ever made."""
-        return int(self._state[kernels.N_ADDED])
-
-    @property
-    def n_pruned(self) -> int:
-        """Number of models that pruning has removed."""
-        return int(self._state[kernels.N_PRUNED])
-
-    @property
-    def n_samples(self) -> int:
-        """Number of samples learned."""
-        return int(self._state[kernels.N_SAMPLES])
-
-    @property
-    def parameters(self) -> dict[str, Any]:
-        """The arguments that the learner was made with, D as a matrix."""
-        return {**self._parameters, "D": self._parameters["D"].copy()}
-
-    @property
-    def models(self) -> ModelSet:
-        """The local models, oldest first."""
-        layout, d, m = self._layout, self.n_inputs, self.n_outputs
-        t = self._table[:, self._by_age()]
-        return ModelSet(
-            centres=t[:d].T.copy(),
-            D=symmetric(t[layout.metric : layout.parameters], d),
-            M=t[layout.parameters : layout.covariance].T.reshape(-1, d + 1, m),
-            P=symmetric(t[layout.covariance : layout.books], d + 1),
-            samples=t[layout.books + kernels.SAMPLES].astype(np.int64),
-            born=t[layout.books + kernels.BORN].astype(np.int64),
+        super().__init__(
+            parameters,
+            refinement=(tolerance, ratio, levels),
+            extra=(),
+            rows=Layout(n_inputs, n_outputs).rows,
+            capacity=capacity,
         )
-
-    def check_parameters(self) -> list[str]:
-        """Say which parameters contradict each other, and the consequence."""
-        p = self._parameters
-        said = []
-        if p["prune"] == "paper" and p["w_gen"] >= p["w_prune"] ** 4:
-            said.append(
-                f"w_gen = {p['w_gen']:g} is not below w_prune^4 = {p['w_prune'] ** 4:.3g}: a sample "
-                f"midway between two new models activates both by up to {p['w_gen'] ** 0.25:.3g}, so that "
-                "they prune each other and models come and go without end; choose prune = 'overlap', "
-                "a lower w_gen or a higher w_prune"
-            )
-        if p["prune"] != "never" and p["w_gen"] >= p["w_prune"]:
-            said.append(
-                f"w_gen = {p['w_gen']:g} is not below w_prune = {p['w_prune']:g}: a model is pruned "
-                "as soon as it is made; choose w_gen < w_prune or prune = 'never'"
-            )
-        return said
-
-    def update(self, x: ArrayLike, y: ArrayLike) -> None:
-        """Learn one sample.
-
-        Args:
-            x: Input, shape (d,).
-            y: Output, shape (m,), or a number where m is 1.
-
-        Raises:
-            ValueError: The shape is wrong or a value is not finite; nothing is learned.
-        """
-        self._x[0] = x
-        self._y[0] = y
-        if self._learn(self._x, self._y, 0) != 1:
-            if not (np.isfinite(self._x).all() and np.isfinite(self._y).all()):
-                raise ValueError(f"the sample x = {x!r}, y = {y!r} is not finite; it was not learned")
-            self._grow()
-            self._learn(self._x, self._y, 0)
-
-    def partial_fit(self, X: ArrayLike, Y: ArrayLike) -> Self:
-        """Learn samples in the order given.
-
-        Args:
-            X: Inputs, shape (n, d), or (n,) where d is 1.
-            Y: Outputs, shape (n, m), or (n,) where m is 1.
-
-        Raises:
-            ValueError: Shapes are wrong or a value is not finite; nothing is learned.
-        """
-        inputs, outputs = self._samples("X", X, self.n_inputs), self._samples("Y", Y, self.n_outputs)
-        if len(inputs) != len(outputs):
-            raise ValueError(f"X has {len(inputs)} samples and Y {len(outputs)}; they must be as many")
-        done = 0
-        while done < len(inputs):
-            done = self._learn(inputs, outputs, done)
-            if done < len(inputs):
-                self._grow()
-        return self
-
-    @overload
-    def predict(self, X: ArrayLike, *, return_std: Literal[False] = False) -> FloatArray: ...
-
-    @overload
-    def predict(self, X: ArrayLike, *, return_std: Literal[True]) -> tuple[FloatArray, FloatArray]: ...
-
-    def predict(
-        self, X: ArrayLike, *, return_std: bool = False
-    ) -> FloatArray | tuple[FloatArray, FloatArray]:
-        """Outputs of eq. (1), shape (n, m), at inputs of shape (n, d).
-
-        Args:
-            X: Inputs, shape (n, d).
-            return_std: Also return the standard deviation of a sample about its prediction, shape (n, m): the
-                noise that the models have seen, the uncertainty of their parameters, and their disagreement
-                (in the spirit of the confidence of LWPR); infinite where there is no model.
-        """
-        Y = self._evaluate(X)[0]
-        return (Y, self._deviation(X, Y)) if return_std else Y
-
-    def w_max(self, X: ArrayLike) -> FloatArray:
-        """Largest activation, shape (n,), at inputs of shape (n, d); 0 without models."""
-        return self._evaluate(X)[1]
-
-    def share_active(self, X: ArrayLike, w: float) -> float:
-        """Share of inputs of shape (n, d) with an activation of at least w."""
-        inputs = self._samples("X", X, self.n_inputs)
-        require_between("w", w, 0.0, 1.0, closed=True)
-        active: int = kernels.count_active(self._table, self._state, inputs, -2.0 * math.log(w))
-        return active / len(inputs)
-
-    def activations(self, X: ArrayLike) -> FloatArray:
-        """Activation of eq. (2) of every model, oldest first, shape (n, N), at inputs of shape (n, d)."""
-        inputs = self._samples("X", X, self.n_inputs)
-        W = np.empty((len(inputs), self.n_models))
-        kernels.activations(self._table, self._state, inputs, W)
-        return W[:, self._by_age()]
-
-    def query(self, x0: float, x1: float) -> tuple[float, float]:
-        """Prediction and largest activation at one point: the fast path of a control loop.
-
-        Raises:
-            TypeError: The learner has not two inputs and one output.
-        """
-        if self._layout.n_inputs != 2 or self._layout.n_outputs != 1:
-            raise TypeError(
-                f"query() is for two inputs and one output, not {self.n_inputs} and {self.n_outputs}"
-            )
-        result: tuple[float, float] = kernels.query_2d(self._table, self._state, float(x0), float(x1))
-        return result
-
-    def query_std(self, x0: float, x1: float) -> tuple[float, float, float]:
-        """As :meth:`query`, with the standard deviation of :meth:`predict` as the third."""
-        y, w_max = self.query(x0, x1)
-        self._x[0] = x0, x1
-        self._y[0] = y
-        return y, w_max, float(self._deviation(self._x, self._y)[0, 0])
-
-    def remove(self, which: ArrayLike) -> int:
-        """Remove models, named by indices into :attr:`models` or by a mask of shape (N,).
-
-        Returns:
-            How many were removed.
-
-        Raises:
-            IndexError: There is no such model.
-        """
-        keep = np.ones(self.n_models, dtype=bool)
-        chosen = np.asarray(which)
-        keep[self._by_age()[chosen if chosen.size else []]] = False
-        n = int(keep.sum())
-        removed = self.n_models - n
-        self._table[:, :n] = self._table[:, : self.n_models][:, keep]
-        self._state[kernels.N_MODELS] = n
-        return removed
-
-    def remove_near(self, x: ArrayLike, w: float) -> int:
-        """Remove the models that the input x, shape (d,), activates above w; returns how many."""
-        return self.remove(self.activations(np.reshape(np.asarray(x, dtype=float), (1, -1)))[0] > w)
-
-    def remove_box(self, lower: ArrayLike, upper: ArrayLike) -> int:
-        """Remove the models with their centre between two corners, shapes (d,); returns how many."""
-        centres = self.models.centres
-        low, high = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
-        return self.remove(np.all((centres >= low) & (centres <= high), axis=1))
-
-    def remove_older(self, n_samples: int) -> int:
-        """Remove the models made before the learner had seen n_samples samples; returns how many."""
-        return self.remove(self.models.born < n_samples)
-
-    def copy(self) -> Self:
-        """A learner of the same state that shares nothing with this one."""
-        other = object.__new__(type(self))
-        other._parameters, other._layout = self._parameters, self._layout
-        other._params, other._state, other._table = (
-            self._params.copy(),
-            self._state.copy(),
-            self._table.copy(),
-        )
-        other._x, other._y = self._x.copy(), self._y.copy()
-        other._scratch = kernels.scratch_for(self.n_inputs, self.n_outputs)
-        return other
-
-    def save(self, path: str | Path) -> None:
-        """Write parameters and models to a file (numpy's npz without pickled objects)."""
-        with Path(path).open("wb") as file:
-            np.savez(
-                file,
-                format=FORMAT,
-                kind="LWR",
-                state=self._state,
-                table=self._table[:, : self.n_models],
-                **self._parameters,
-            )
-
-    @classmethod
-    def load(cls, path: str | Path) -> Self:
-        """Read a learner that :meth:`save` wrote.
-
-        Raises:
-            ConfigurationError: The file is no saved learner, or of another format.
-        """
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                stored = {name: file[name] for name in file.files}
-        except ValueError as error:
-            raise ConfigurationError("learner", "is no file that save() wrote", source=str(path)) from error
-        if int(stored.pop("format", 0)) != FORMAT or str(stored.pop("kind", "")) != "LWR":
-            raise ConfigurationError(
-                "format", f"is not an LWR of format {FORMAT}; learn it anew", source=str(path)
-            )
-        table, state = stored.pop("table"), stored.pop("state")
-        D = stored.pop("D")
-        self = cls(
-            D=D, capacity=max(256, table.shape[1]), **{name: value.item() for name, value in stored.items()}
-        )
-        if table.shape[0] != self._layout.rows or state.shape != self._state.shape:
-            raise ConfigurationError(
-                "table", f"has the shape {table.shape}; the file is damaged", source=str(path)
-            )
-        self._table[:, : table.shape[1]] = table
-        self._state[:] = state
-        return self
 
     def _learn(self, X: FloatArray, Y: FloatArray, start: int) -> int:
         learn = kernels.update if self._parameters["levels"] == 1 else kernels.update_refining
         done: int = learn(self._table, self._state, self._params, X, Y, start, self._scratch)
         return done
-
-    def _by_age(self) -> NDArray[np.int64]:
-        order: NDArray[np.int64] = np.argsort(
-            self._table[self._layout.books + kernels.BORN, : self.n_models], kind="stable"
-        )
-        return order
-
-    def _grow(self) -> None:
-        table = np.zeros((self._table.shape[0], 2 * self._table.shape[1]))
-        table[:, : self._table.shape[1]] = self._table
-        self._table = table
-
-    def _evaluate(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        inputs = self._samples("X", X, self.n_inputs)
-        Y, w_max = np.empty((len(inputs), self.n_outputs)), np.empty(len(inputs))
-        kernels.predict(self._table, self._state, inputs, Y, w_max, self._scratch)
-        return Y, w_max
-
-    def _deviation(self, X: ArrayLike, Y: FloatArray) -> FloatArray:
-        inputs = self._samples("X", X, self.n_inputs)
-        own, between = np.empty_like(Y), np.empty_like(Y)
-        kernels.deviation(self._table, self._state, inputs, Y, own, between)
-        deviation: FloatArray = np.sqrt(own + between)
-        return deviation
-
-    def _samples(self, name: str, values: ArrayLike, width: int) -> FloatArray:
-        array = np.require(values, dtype=np.float64, requirements=["C", "W"])
-        if array.ndim == 1 and width == 1:
-            array = array.reshape(-1, 1)
-        if array.ndim != 2 or array.shape[1] != width:
-            raise ValueError(f"{name} has the shape {np.shape(values)}; it must be (n, {width})")
-        if not np.isfinite(array).all():
-            bad = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
-            raise ValueError(f"{name}[{bad}] = {array[bad]} is not finite; nothing was learned")
-        return array
-
-
-def require_count(name: str, value: int, high: int) -> None:
-    """Refuse what is not a whole number from 1 to high.
-
-    Raises:
-        ConfigurationError: The value is out of range or no whole number.
-    """
-    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= high:
-        raise ConfigurationError(name, f"{value!r} must be a whole number from 1 to {high}")
-
-
-def require_between(name: str, value: float, low: float, high: float, *, closed: bool = False) -> None:
-    """Refuse a value that is not above low and below high, or at high where closed.
-
-    Raises:
-        ConfigurationError: The value is out of range or no number.
-    """
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise ConfigurationError(name, f"{value!r} must be a number")
-    if not (low < value < high or (closed and value == high)):
-        limit = "at most" if closed else "below"
-        raise ConfigurationError(name, f"{value:g} must be above {max(low, 0.0):g} and {limit} {high:g}")
-
-
-def metric_matrix(D: ArrayLike, n_inputs: int) -> FloatArray:
-    """D as a symmetric positive definite matrix, shape (d, d), from a number, a diagonal or a matrix.
-
-    Raises:
-        ConfigurationError: The shape is wrong, or D is not symmetric positive definite.
-    """
-    given = np.asarray(D, dtype=float)
-    if given.ndim == 0:
-        given = np.full(n_inputs, float(given))
-    matrix = np.diag(given) if given.ndim == 1 else given
-    if matrix.shape != (n_inputs, n_inputs):
-        raise ConfigurationError(
-            "D", f"has the shape {np.shape(D)}; it must be a number, ({n_inputs},) or square"
-        )
-    if not np.isfinite(matrix).all() or not np.allclose(matrix, matrix.T, rtol=1e-12, atol=0.0):
-        raise ConfigurationError("D", f"{matrix.tolist()} must be finite and symmetric")
-    smallest = float(np.linalg.eigvalsh(matrix)[0])
-    if smallest <= 0.0:
-        raise ConfigurationError("D", f"must be positive definite; its smallest eigenvalue is {smallest:g}")
-    result: FloatArray = (matrix + matrix.T) / 2.0
-    return result
-
-
-def symmetric(rows: FloatArray, size: int) -> FloatArray:
-    """Matrices of shape (N, size, size) from the rows of their upper triangles, shape (-1, N)."""
-    matrices = np.empty((rows.shape[1], size, size))
-    upper, right = np.triu_indices(size)
-    matrices[:, upper, right] = rows.T
-    matrices[:, right, upper] = rows.T
-    return matrices
