@@ -103,7 +103,7 @@ def handle(analysis: Analysis) -> list[str]:
     first = """<b>Top:</b> depth of the handle below the surface (drawn downwards), and the reference of
         position mode while it is engaged: C &lt; 1 and the autonomous run. <b>Bottom:</b> the first hand-over
         to the skill, with the commanded forces of the two virtual springs: the assist that helps the human to
-        hold his own height, and the spring of position mode. They are ramped, so that a hand-over is no jerk."""
+        hold his own height, and the spring of position mode. They are ramped at a hand-over."""
     paragraphs = [first]
     change, rendering = summary.force_change_n_per_ms, summary.run.rendering.overall.mean
     if math.isfinite(change):
