@@ -54,11 +54,14 @@ class SessionOptions:
     """How long the demonstrator may examine the skill before the autonomous stage begins [s]."""
     give_up: float = 300.0
     """Duration after which teaching ends without having covered the plane [s]."""
-    hand_over: float = 0.4
-    """Least duration of a full change of control [s]. The blend zone of eq. (9) is 4 mm wide, 2 ticks at the speed
-    of the demonstration; so C follows eq. (9) no faster than this, and a hand-over is smooth in time as well."""
+    hand_over: float = 0.3
+    """Least duration of a full change of control [s]. The blend zone of eq. (9) is 4 mm wide, 2 ticks at the
+    speed of the demonstration; C follows eq. (9) no faster than this, so that a hand-over takes its time too."""
     samples_per_tick: int = 50
     """How many samples of an update are learned in a tick."""
+    transient_speed: float = 0.05
+    """Vertical speed of the handle above which no sample is accumulated [m/s]: on his way to a depth after a
+    hand-over, a demonstrator does not demonstrate it. A large value takes every sample, as eq. (10) does."""
     record_without_contact: bool = False
     """Whether samples are accumulated while the manipulator does not touch the surface."""
     autonomous_speed: float = 0.15
@@ -76,7 +79,13 @@ class SessionOptions:
         for name in ("practice", "examination", "hand_over", "feedback_gain"):
             if not 0.0 <= getattr(self, name):
                 raise ConfigurationError(name, f"{getattr(self, name)} must not be negative")
-        for name in ("give_up", "autonomous_speed", "autonomous_acceleration", "autonomous_spacing"):
+        for name in (
+            "give_up",
+            "autonomous_speed",
+            "autonomous_acceleration",
+            "autonomous_spacing",
+            "transient_speed",
+        ):
             if not 0.0 < getattr(self, name):
                 raise ConfigurationError(name, f"{getattr(self, name)} must be above 0")
         if not 0.0 < self.autonomy_coverage:
@@ -209,7 +218,7 @@ class Session:
             y_demo = max(0.0, depth - measured.force_z * self._assist_compliance)
         y_robot = min(max(y_robot, 0.0), self._deepest)
         y_cmd = blend(C, y_demo, y_robot)
-        recorded = self._accumulate(C, x, y, depth)
+        recorded = self._accumulate(C, x, y, depth, measured.velocity_z)
         update = self._learn()
         if update is not None:
             events.append(("update", f"update {update.index}: coverage {100.0 * update.coverage:.1f} %"))
@@ -228,7 +237,7 @@ class Session:
             self._accumulator.count,
             recorded,
             self._pending is not None,
-            self._set_point(measured, x, y, y_cmd, C, contact.force, dt),
+            self._set_point(x, y, y_cmd, C, contact.force, dt),
             Seen(
                 (measured.measured_x, measured.measured_y, measured.measured_z),
                 x,
@@ -265,8 +274,10 @@ class Session:
             return self._arbitration.factor(Query(y_robot, w_max))
         return 0.0
 
-    def _accumulate(self, C: float, x: float, y: float, depth: float) -> bool:
+    def _accumulate(self, C: float, x: float, y: float, depth: float, velocity: float) -> bool:
         if self.stage is not Stage.TEACHING or C != 1.0:
+            return False
+        if abs(velocity) > self.options.transient_speed:
             return False
         if self.task.object_at(x, y) < 0 or not (self.options.record_without_contact or depth > 0.0):
             return False
@@ -293,9 +304,7 @@ class Session:
             self._covered_at = self._time
         return Update(self.updates, learned, self.coverage)
 
-    def _set_point(
-        self, measured: LoopState, x: float, y: float, y_cmd: float, C: float, force: float, dt: float
-    ) -> SetPoint:
+    def _set_point(self, x: float, y: float, y_cmd: float, C: float, force: float, dt: float) -> SetPoint:
         task, options = self.task, self.options
         self._sequence += 1.0
         assist = 1.0 if C == 1.0 and self.stage <= Stage.TEACHING else 0.0

@@ -22,11 +22,13 @@ def practised_depths(task: Task, error: float, rng: np.random.Generator) -> list
     Returns:
         Depths [m], in the order of the task's objects.
     """
+    points = task.grid(40)
+    colours = np.array([task.object_at(x, y) for x, y in points.tolist()])
+    needed = task.reference_force / task.stiffness_at(points)
     depths = []
-    for thing in task.objects:
-        inside = task.grid(40)
-        here = [k for k, (x, y) in enumerate(inside.tolist()) if task.objects[task.object_at(x, y)] is thing]
-        felt = float(np.mean(task.reference_force / task.stiffness_at(inside[here]))) if here else FIRST_GUESS
+    for index in range(len(task.objects)):
+        here = needed[colours == index]
+        felt = float(np.mean(here)) if len(here) else FIRST_GUESS
         depths.append(felt * (1.0 + error * float(rng.standard_normal())))
     return depths
 

@@ -13,6 +13,7 @@ from hm_driver.realtime.segment import Segment, Trip, Word
 from hm_driver.realtime.setpoint import LoopState, SetPoint
 from hm_driver.transport.in_process import InProcessTransport
 from teaching.hands.contract import Hand
+from tools.run.compiled_cycle import CompiledCycle
 from tools.run.demonstrator import build_demonstrator
 from tools.run.hands import EmulatedWorld
 from tools.run.log import SessionLog
@@ -55,6 +56,7 @@ class LockstepLoop:
             parameters=options.parameters(),
             watch=options.watch,
             recording=recording._replace(epoch_ns=EPOCH_NS - self.start_ns),
+            step=CompiledCycle(),
         )
         self._next_ns = self.start_ns
 

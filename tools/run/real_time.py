@@ -1,4 +1,4 @@
-"""A session in real time: the loop in a process of its own, an emulator or a robot behind it, on the wall clock."""
+"""A session in real time: the loop in a process of its own, a device behind it, on the wall clock."""
 
 import contextlib
 import gc

@@ -1,6 +1,5 @@
 """From a session's tick to what the live view shows, ten times a second."""
 
-from hm_driver.realtime.segment import Word
 from hm_driver.realtime.setpoint import LoopState
 from teaching.session import Session, Tick
 from tools.live import LiveView, SessionStatus
