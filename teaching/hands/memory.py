@@ -4,7 +4,6 @@ from enum import IntEnum
 
 from teaching.hands.paths import Area, Point
 
-
 RECENT = 200
 """A place that he has looked at within so many looks is not looked at again."""
 
@@ -57,11 +56,10 @@ class PlaneMemory:
                 self.taught.append((x, y))
             self._own_trail.append((x, y))
             del self._own_trail[:-20]
-        elif C < 0.5:
-            if self._seen[index] is not Remembered.SKILL:
-                self._unexplained[index] = self._unexplained.get(index, 0.0) + dt
-                if not self.taught:
-                    self._explain()
+        elif C < 0.5 and self._seen[index] is not Remembered.SKILL:
+            self._unexplained[index] = self._unexplained.get(index, 0.0) + dt
+            if not self.taught:
+                self._explain()
 
     @property
     def suspects(self) -> bool:
@@ -87,7 +85,7 @@ class PlaneMemory:
         self.taught = []
 
     def next_place(self, x: float, y: float) -> Point:
-        """Where to look for places to teach [m]: the nearest that he does not know, or else his own oldest."""
+        """Where to look for places to teach [m]: the nearest that he does not know, or his own oldest."""
         recent = self._visits - RECENT
         unknown = [
             i

@@ -32,15 +32,18 @@ def raster(area: Area, spacing: float, margin: float, *, along_x: bool = True, s
     Args:
         area: What to cover.
         spacing: Largest distance of two lines [m]; they are spread evenly.
-        margin: Distance of the outermost lines and of the turns from the area's edge [m].
+        margin: Distance of the outermost lines and of the turns from the area's edge [m];
+            in an area that is narrower than two of it the lines run through the middle.
         along_x: Whether the lines run along x.
         start: Where one comes from [m].
 
     Returns:
         Way points [m].
     """
-    x0, x1 = area.x_min + margin, area.x_max - margin
-    y0, y1 = area.y_min + margin, area.y_max - margin
+    margin_x = min(margin, 0.5 * (area.x_max - area.x_min))
+    margin_y = min(margin, 0.5 * (area.y_max - area.y_min))
+    x0, x1 = area.x_min + margin_x, area.x_max - margin_x
+    y0, y1 = area.y_min + margin_y, area.y_max - margin_y
     if abs(start[0] - x1) < abs(start[0] - x0):
         x0, x1 = x1, x0
     if abs(start[1] - y1) < abs(start[1] - y0):
@@ -51,8 +54,7 @@ def raster(area: Area, spacing: float, margin: float, *, along_x: bool = True, s
     for i in range(n + 1):
         across = width * i / n
         ends = (0.0, length) if i % 2 == 0 else (length, 0.0)
-        for end in ends:
-            points.append((x0 + end, y0 + across) if along_x else (x0 + across, y0 + end))
+        points += [(x0 + end, y0 + across) if along_x else (x0 + across, y0 + end) for end in ends]
     return points
 
 
