@@ -56,7 +56,7 @@ class SessionOptions:
     """Duration after which teaching ends without having covered the plane [s]."""
     hand_over: float = 0.3
     """Least duration of a full change of control [s]. The blend zone of eq. (9) is 4 mm wide, 2 ticks at the
-    speed of the demonstration; C follows eq. (9) no faster than this, so that a hand-over takes its time too."""
+    speed of the demonstration; C follows eq. (9) no faster than this, and a hand-over takes its time."""
     samples_per_tick: int = 50
     """How many samples of an update are learned in a tick."""
     transient_speed: float = 0.05
