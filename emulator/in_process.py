@@ -6,7 +6,7 @@ r"""The emulator in this process, in lock-step: its time passes when it is told 
 b'off;3;\n'
 >>> emulator.handle(b"set state init\n")
 b"state set to 'init';\n"
->>> emulator.advance_to_ns(1_000_000_000)
+>>> emulator.advance_to_ns(2_000_000_000)
 >>> emulator.handle(b"get state\n")
 b'stop;\n'
 """
