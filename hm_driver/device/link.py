@@ -20,6 +20,8 @@ DETECTION_S = 1.0
 LONGEST_REQUEST = 1000
 """Characters that `CommandLink.exchange_many` puts into one request; the device's limit is not known."""
 
+_PARTS_OF_PATIENCE = 5
+
 
 class CommandLink:
     """A connection with at most one command in flight.
@@ -102,7 +104,8 @@ class CommandLink:
         """Exchange one line of the text dialect as it stands on the wire; the loop's short way.
 
         The line and the reply carry their line end. Nothing else is looked at: neither the dialect, nor what
-        the reply says, nor whether another thread uses the link.
+        the reply says, nor whether another thread uses the link. The time-out is waited for in five parts,
+        so that a stall of the whole machine, which delays the device's answer too, counts as one of them.
 
         Raises:
             ProtocolError: What came is not one line; the link is broken.
@@ -113,7 +116,7 @@ class CommandLink:
             raise TransportClosed(f"{self.url}: the link is closed ({self._broken_by}); reconnect")
         try:
             self._transport.send(line)
-            reply = self._transport.receive(self.timeout_s)
+            reply = self._receive_patiently(_PARTS_OF_PATIENCE)
             if reply.find(b"\n") != len(reply) - 1:
                 reply = self._complete_line(reply)
         except (TransportError, ProtocolError) as error:
@@ -204,6 +207,14 @@ class CommandLink:
     def _break(self, reason: str) -> None:
         self._broken_by = self._broken_by or reason
         self._transport.close()
+
+    def _receive_patiently(self, parts: int) -> bytes:
+        try:
+            return self._transport.receive(self.timeout_s / _PARTS_OF_PATIENCE)
+        except TransportTimeout:
+            if parts > 1:
+                return self._receive_patiently(parts - 1)
+            raise TransportTimeout(f"{self.url}: no reply within {self.timeout_s:g} s") from None
 
     def _complete_line(self, reply: bytes) -> bytes:
         deadline = time.monotonic() + self.timeout_s

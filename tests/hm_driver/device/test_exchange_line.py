@@ -13,15 +13,18 @@ class Pieces:
     def __init__(self, *pieces):
         self.pieces = list(pieces)
         self.sent = []
+        self.waits = []
         self.is_closed = False
 
     def send(self, data):
         self.sent.append(data)
 
     def receive(self, timeout_s):
-        if not self.pieces:
+        self.waits.append(timeout_s)
+        piece = self.pieces.pop(0) if self.pieces else None
+        if piece is None:
             raise TransportTimeout(f"no byte within {timeout_s} s")
-        return self.pieces.pop(0)
+        return piece
 
     def close(self):
         self.is_closed = True
@@ -44,6 +47,15 @@ def test_a_line_that_does_not_end_breaks_the_link():
     assert link.is_broken
     with pytest.raises(TransportClosed):
         link.exchange_line(b"get state\n")
+
+
+def test_a_stall_of_the_machine_takes_a_part_of_the_patience_alone():
+    transport = Pieces(None, None, b"stop;\n")
+    assert CommandLink(transport, Dialect.TEXT, timeout_s=0.05).exchange_line(b"get state\n") == b"stop;\n"
+    silent = Pieces()
+    with pytest.raises(TransportTimeout, match=r"0\.05 s"):
+        CommandLink(silent, Dialect.TEXT, timeout_s=0.05).exchange_line(b"get state\n")
+    assert silent.waits == pytest.approx([0.01] * 5)
 
 
 def test_two_lines_to_one_request_break_the_link():
