@@ -189,9 +189,7 @@ def test_a_hand_that_rests_on_a_wall_takes_no_energy_out_of_the_arm(wall, inerti
 def test_a_stiff_hand_shakes_too_small_a_virtual_mass_and_no_allowed_one(inertia, stable):
     arm = quiet_arm(inertia=inertia)
     zero = (0.0, 0.0, 0.0)
-    arm.set_hand((0.0, 0.0, -0.001), zero, (10000.0,) * 3, (20.0,) * 3, zero)
-    arm.step(2500)
-    early = np.abs(run(arm, 500, layout.O_TIP_VELOCITY)[:, 2]).max()
-    arm.step(2500)
-    late = np.abs(run(arm, 500, layout.O_TIP_VELOCITY)[:, 2]).max()
-    assert bool(late < max(0.005, 0.95 * early)) is stable
+    arm.set_hand((0.0, 0.0, -0.002), zero, (40000.0,) * 3, (20.0,) * 3, zero)
+    arm.step(5000)
+    swing = np.ptp(run(arm, 750, layout.O_TIP_POSITION)[:, 2])
+    assert bool(swing < 0.001) is stable
