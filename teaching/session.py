@@ -90,6 +90,12 @@ class SessionOptions:
                 raise ConfigurationError(name, f"{getattr(self, name)} must be above 0")
         if not 0.0 < self.autonomy_coverage:
             raise ConfigurationError("autonomy_coverage", f"{self.autonomy_coverage} must be above 0")
+        if self.hand_over > 10.0:
+            raise ConfigurationError("hand_over", f"{self.hand_over} s must be 0 to 10 s")
+        if self.autonomous_spacing < 0.001:
+            raise ConfigurationError(
+                "autonomous_spacing", f"{self.autonomous_spacing} m must be at least 0.001 m"
+            )
         if not 1 <= self.samples_per_tick <= 100_000:
             raise ConfigurationError("samples_per_tick", f"{self.samples_per_tick} must be 1 to 100000")
 
@@ -97,7 +103,7 @@ class SessionOptions:
 class Update(NamedTuple):
     """An update of the skill that was swapped in at this tick."""
 
-    index: int
+    number: int
     """Counts from 1."""
     learner: LWR
     """The skill from now on; it is not changed in place."""
@@ -221,7 +227,7 @@ class Session:
         recorded = self._accumulate(C, x, y, depth, measured.velocity_z)
         update = self._learn()
         if update is not None:
-            events.append(("update", f"update {update.index}: coverage {100.0 * update.coverage:.1f} %"))
+            events.append(("update", f"update {update.number}: coverage {100.0 * update.coverage:.1f} %"))
         return Tick(
             self.stage,
             C,

@@ -60,7 +60,7 @@ class SessionLog:
 
     def update(self, time_ns: int, update: Update) -> None:
         """Log the whole learner."""
-        payload = pack_learner_state(time_ns, update.index, update.coverage, update.learner)
+        payload = pack_learner_state(time_ns, update.number, update.coverage, update.learner)
         self._ring.write(LEARNER_STATE_CHANNEL.id, time_ns, payload)
 
     def hand(
