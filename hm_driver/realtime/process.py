@@ -170,6 +170,8 @@ class LoopHandle(ABC):
                 self.wait(self._options.watch.release_s + self._options.connect_timeout_s + _SPARE_S)
             self._end()
             self._end_guardian()
+            if not self._segment.status.has_ended:
+                self._segment.status = Status.TRIPPED if self._segment.trip else Status.FAILED
         self._result = loop_result(self._segment)
         self._segment.close()
         self._segment = None

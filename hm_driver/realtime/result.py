@@ -58,7 +58,7 @@ class LoopResult:
     stops_sent: int
     """Times that the loop sent the safe stop."""
     stop_latency_s: float
-    """From the trip to the acknowledged stop [s]; 0 without a trip or a stop."""
+    """From the trip to the first acknowledged stop, the loop's or the guardian's [s]; 0 without one."""
 
     @property
     def requests_per_cycle(self) -> float:
@@ -90,7 +90,8 @@ def loop_result(segment: Segment) -> LoopResult:
     """Read the statistics of a loop, running or ended."""
     words = segment.words
     guardian = segment.guardian()
-    stopped_ns = int(words[Word.STOPPED_NS]) or guardian.stopped_ns
+    stops_ns = [ns for ns in (int(words[Word.STOPPED_NS]), guardian.stopped_ns) if ns]
+    stopped_ns = min(stops_ns, default=0)
     tripped_ns = int(words[Word.TRIP_NS])
     return LoopResult(
         status=segment.status,

@@ -202,7 +202,10 @@ def test_the_guardian_stops_the_device_when_the_loop_is_killed_or_stopped(device
         error = wait_until_it_trips(loop)
         assert error.reason == "loop_lost"
     assert (stopped[0] - struck_ns) * 1e-9 <= floor.allows(0.1)
-    assert loop.result().guardian.status is GuardianStatus.STOPPED_DEVICE
+    result = loop.result()
+    assert result.guardian.status is GuardianStatus.STOPPED_DEVICE
+    assert result.status is Status.TRIPPED
+    assert 0.0 < result.stop_latency_s <= floor.allows(0.02)
 
 
 def test_a_device_that_no_longer_answers_the_loop_is_stopped_by_the_guardian(device, floor):
