@@ -702,6 +702,7 @@ def update_refining(
         level = missing_level(table, state, params, X, k, Y.shape[1])
         if level > 0:
             place = insert(table, state, params, X, k, Y.shape[1], level)
+            table[first_book(X.shape[1], Y.shape[1]) + BORN, place] -= 1.0
             sweep(table, params, state[Q_CUT], place, place + 1, X, Y, k, scratch)
     return n
 

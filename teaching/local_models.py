@@ -55,7 +55,7 @@ class LocalModels(ABC):
         self._state = np.zeros(kernels.STATE_SIZE)
         self._state[kernels.REACH] = math.sqrt(inverse[0, 0])
         self._state[kernels.Q_CUT] = -2.0 * math.log(p["w_cutoff"]) if p["w_cutoff"] > 0.0 else math.inf
-        self._table = np.zeros((rows, capacity))
+        self._table = np.zeros((rows, columns_for(capacity)))
         self._x, self._y = np.zeros((1, n_inputs)), np.zeros((1, n_outputs))
         self._scratch = kernels.scratch_for(n_inputs, n_outputs)
 
@@ -320,7 +320,7 @@ class LocalModels(ABC):
         return order
 
     def _grow(self) -> None:
-        table = np.zeros((self._table.shape[0], 2 * self._table.shape[1]))
+        table = np.zeros((self._table.shape[0], columns_for(2 * self._table.shape[1])))
         table[:, : self._table.shape[1]] = self._table
         self._table = table
 
@@ -408,6 +408,14 @@ def metric_matrix(D: ArrayLike, n_inputs: int) -> FloatArray:
         raise ConfigurationError("D", f"must be positive definite; its smallest eigenvalue is {smallest:g}")
     result: FloatArray = (matrix + matrix.T) / 2.0
     return result
+
+
+def columns_for(capacity: int) -> int:
+    """Columns of a table for so many models: an odd number of cache lines a row.
+
+    A power of two would put all rows of a column into the same few sets of the cache.
+    """
+    return 8 * (-(-capacity // 8) | 1)
 
 
 def symmetric(rows: FloatArray, size: int) -> FloatArray:

@@ -230,6 +230,7 @@ def adapt(
                 )
             gradient = slope * first / m + (w / W) * 4.0 * penalty * product
             rate = row + triangle
+            alpha = 0.0 if meta_rate > 0.0 else math.exp(table[rate, i])
             if meta_rate > 0.0:
                 memory = rate + triangle
                 diagonal = d + c * d - c * (c - 1) // 2
@@ -238,9 +239,10 @@ def adapt(
                 change = meta_rate * transient * gradient * table[memory, i]
                 table[rate, i] -= min(0.1, max(-0.1, change))
                 table[rate, i] = min(10.0, max(-10.0, table[rate, i]))
-                alpha = math.exp(table[rate, i]) * transient
-                table[memory, i] = table[memory, i] * max(0.0, 1.0 - alpha * curvature) - alpha * gradient
-            step = math.exp(table[rate, i]) * transient * gradient
+                alpha = math.exp(table[rate, i])
+                keep = max(0.0, 1.0 - alpha * transient * curvature)
+                table[memory, i] = table[memory, i] * keep - alpha * transient * gradient
+            step = alpha * transient * gradient
             if abs(step) > 0.1 * largest:
                 table[rate, i] -= math.log(2.0)
             else:
@@ -368,7 +370,8 @@ def learn(
         table[books + kernels.GAIN, i] = 1.0
     if table[singles + COUNT, i] * (1.0 - lam) <= 0.1 and table[singles + COUNT, i] < 20 * d:
         return
-    transient = min(1.0, (table[singles + SQUARE, i] / (table[singles + CROSS, i] + 1e-10)) ** 4)
+    ratio = table[singles + SQUARE, i] / (table[singles + CROSS, i] + 1e-10)
+    transient = min(1.0, ratio * ratio * ratio * ratio)
     first, second = cost_slope(table, i, d, m, W, w, before, h, g, e)
     adapt(table, params, i, d, m, W, w, transient, first, second, z, v)
     refresh(table, state, i, d, m, inverse)
