@@ -14,6 +14,8 @@ class Query(NamedTuple):
     """Prediction of eq. (1)."""
     w_max: float
     """Largest activation."""
+    std: float = 0.0
+    """Standard deviation of the prediction; only :class:`ConfidenceArbitration` asks for it."""
 
 
 class Arbitration(Protocol):
@@ -59,6 +61,44 @@ class ExistenceArbitration:
     def factor(self, query: Query) -> float:
         """Control factor C of eq. (9)."""
         return control_factor(query.w_max, w_th=self.w_th, d=self.d)
+
+
+@dataclass(frozen=True, slots=True)
+class ConfidenceArbitration:
+    """Control goes to the skill where a model exists **and** is confident: ours, not the paper's.
+
+    A model exists on both sides of a border long before both are learned, so that existence alone gives the
+    skill control where it is wrong. The standard deviation by the size of the prediction tells such spots.
+
+    Raises:
+        ConfigurationError: A zone of blending does not lie within its range.
+    """
+
+    w_th: float = 0.5
+    """Activation in the middle of the switch of eq. (9)."""
+    d: float = 0.05
+    """Width of that switch in activation."""
+    doubt: float = 0.2
+    """Standard deviation by the prediction in the middle of the switch to the human."""
+    doubt_width: float = 0.1
+    """Width of that switch."""
+
+    def __post_init__(self) -> None:
+        ExistenceArbitration(self.w_th, self.d)
+        if not 0.0 < self.doubt <= 10.0:
+            raise ConfigurationError("doubt", f"{self.doubt:g} must be above 0 and at most 10")
+        if not 0.0 <= self.doubt_width <= 2.0 * self.doubt:
+            limit = 2.0 * self.doubt
+            raise ConfigurationError(
+                "doubt_width", f"{self.doubt_width:g} must be at least 0 and at most {limit:g}"
+            )
+
+    def factor(self, query: Query) -> float:
+        """The larger of eq. (9) and its mirror image in the relative standard deviation."""
+        existence = control_factor(query.w_max, w_th=self.w_th, d=self.d)
+        relative = query.std / max(abs(query.y_robot), 1e-9)
+        confidence = control_factor(-relative, w_th=-self.doubt, d=self.doubt_width)
+        return max(existence, confidence)
 
 
 def control_factor(w_max: float, *, w_th: float, d: float) -> float:

@@ -5,7 +5,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hm_driver.errors import ConfigurationError
-from teaching.arbitration import ExistenceArbitration, Query, blend, check_thresholds, control_factor
+from teaching.arbitration import (
+    ConfidenceArbitration,
+    ExistenceArbitration,
+    Query,
+    blend,
+    check_thresholds,
+    control_factor,
+)
 
 ACTIVATION = st.floats(0.0, 1.0)
 
@@ -72,3 +79,38 @@ def test_thresholds_that_contradict_each_other_are_said():
     assert check_thresholds(w_th=0.5, d=0.05, w_gen=0.8) == []
     assert "no model is made there" in check_thresholds(w_th=0.85, d=0.05, w_gen=0.8)[0]
     assert "never the robot's alone" in check_thresholds(w_th=0.79, d=0.05, w_gen=0.8)[0]
+
+
+ARBITRATIONS = [ExistenceArbitration(), ConfidenceArbitration(), ExistenceArbitration(0.5, 0.0)]
+
+
+@pytest.mark.parametrize("arbitration", ARBITRATIONS)
+@given(st.floats(-1.0, 1.0), ACTIVATION, st.floats(0.0, math.inf))
+def test_every_arbitration_gives_a_share_between_0_and_1(arbitration, y_robot, w_max, std):
+    assert 0.0 <= arbitration.factor(Query(y_robot, w_max, std)) <= 1.0
+    assert arbitration.factor(Query(y_robot, 0.0, std)) == 1.0
+    assert arbitration.w_th == 0.5
+
+
+def test_confidence_gives_control_back_where_the_skill_is_in_doubt():
+    arbitration = ConfidenceArbitration()
+    assert arbitration.factor(Query(0.1, 0.9, 0.005)) == 0.0
+    assert arbitration.factor(Query(0.1, 0.9, 0.02)) == pytest.approx(0.5)
+    assert arbitration.factor(Query(0.1, 0.9, 0.05)) == 1.0
+    assert arbitration.factor(Query(0.1, 0.3, 0.005)) == 1.0
+    assert arbitration.factor(Query(0.0, 0.9, math.inf)) == 1.0
+
+
+@given(st.floats(0.0, 0.1), st.floats(0.0, 0.1))
+def test_more_doubt_never_gives_the_human_less(a, b):
+    low, high = sorted((a, b))
+    arbitration = ConfidenceArbitration()
+    assert arbitration.factor(Query(0.1, 0.9, low)) <= arbitration.factor(Query(0.1, 0.9, high))
+
+
+@pytest.mark.parametrize(
+    "arguments", [{"doubt": 0.0}, {"doubt_width": 1.0}, {"doubt_width": -0.1}, {"w_th": 2.0}]
+)
+def test_a_doubt_out_of_range_is_refused(arguments):
+    with pytest.raises(ConfigurationError):
+        ConfidenceArbitration(**arguments)
