@@ -19,6 +19,9 @@ from teaching.hands.paths import Area, Walker, raster
 from teaching.lwr import LWR
 from teaching.task import Task
 
+INTENTION_S = 0.05
+"""Time constant with which the hand's force enters the estimate of the intention [s]."""
+
 
 class Stage(IntEnum):
     """The stages of a session, in order."""
@@ -184,6 +187,7 @@ class Session:
         self._pending: BackgroundUpdate[LWR] | None = None
         self._deepest = task.depth_max
         self._walker: Walker | None = None
+        self._push = 0.0
         self._time = 0.0
         self._covered_at: float | None = None
         self._C = 1.0
@@ -219,9 +223,8 @@ class Session:
             self.hand_overs += 1
             events.append(("hand-over", "the human is in control" if C > 0.5 else "the skill is in control"))
         self._C = C
-        y_demo = max(0.0, depth)
-        if C < 1.0:
-            y_demo = max(0.0, depth - measured.force_z * self._assist_compliance)
+        self._push += dt / (dt + INTENTION_S) * (measured.force_z - self._push)
+        y_demo = max(0.0, depth if C == 1.0 else depth - self._push * self._assist_compliance)
         y_robot = min(max(y_robot, 0.0), self._deepest)
         y_cmd = blend(C, y_demo, y_robot)
         recorded = self._accumulate(C, x, y, depth, measured.velocity_z)

@@ -115,16 +115,17 @@ def follow(
         dt: True duration of the cycle [s].
 
     Returns:
-        Velocity [m/s]. The spring's force K (r - x) + B (v - x') changes by K v dt + B dv with the handle at
-        rest, by K (v - x') dt + B dv in the frame of the handle.
+        Velocity [m/s]. The spring's force K (r - x) + B (v - x') changes by K (v - x') dt + B dv, which is
+        held within the step. A reference that would keep the rate against a handle at rest may go on as
+        before however fast the hand pulls: otherwise the spring would yield to it.
     """
     inertia = stiffness * dt + damping
     brake = math.sqrt(force_step / (inertia * dt) * abs(gap))
     wanted = target_velocity + clamp(gap / follow_time, -brake, brake)
-    carried = damping * velocity
-    moving = carried + stiffness * dt * handle_velocity
-    low = (min(carried, moving) - force_step) / inertia
-    high = (max(carried, moving) + force_step) / inertia
+    moving = damping * velocity + stiffness * dt * handle_velocity
+    low, high = (moving - force_step) / inertia, (moving + force_step) / inertia
+    if stiffness * abs(velocity) * dt <= force_step:
+        low, high = min(low, velocity), max(high, velocity)
     return clamp(clamp(wanted, low, high), -speed_max, speed_max)
 
 

@@ -6,8 +6,9 @@ from hm_driver.errors import DeviceError, ProtocolError
 from hm_driver.protocol.replies import parse_word
 from hm_driver.protocol.vocabulary import ERROR_MARK
 
-QUESTIONS = ("get measpos", "get measvel", "get measforce")
-"""What is asked in each cycle, in the order of the cycle function's measurement."""
+QUESTIONS = ("get measpos", "get modelvel", "get measforce")
+"""What is asked in each cycle, in the order of the cycle function's measurement. The springs act on the
+virtual mass, whose velocity is known exactly; the measured one is the noisy difference of encoder counts."""
 STATE_QUESTION = "get state"
 _ERROR_MARK = ERROR_MARK.encode()
 

@@ -42,7 +42,7 @@ DEVICE_STATE = FixedMessage(
         _SEQUENCE,
         _TIME,
         Field("measured_position", Kind.VECTOR3, "Position of the end effector", "m"),
-        Field("measured_velocity", Kind.VECTOR3, "Velocity of the end effector", "m/s"),
+        Field("model_velocity", Kind.VECTOR3, "Velocity of the device's virtual mass", "m/s"),
         Field("measured_force", Kind.VECTOR3, "Force of the hand on the end effector", "N"),
     ),
 )

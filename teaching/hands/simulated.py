@@ -18,11 +18,12 @@ from teaching.hands.contract import HandIntent, Seen, Vector
 from teaching.hands.memory import PlaneMemory
 from teaching.hands.paths import Area, Point, Walker, raster
 
-
 AIR = 0.01
 """Height above the surface at which he moves before he has seen a colour [m]."""
 
 
+QUICKNESS = 25.0
+"""Bandwidth of his arm's motion in depth [rad/s]."""
 LOOK = 0.5
 """How long he looks at a place where control may have changed, before he believes it [s]."""
 
@@ -61,13 +62,14 @@ class DemonstratorOptions:
     """How long he takes to relax [s]."""
     grip_time: float = 0.1
     """How long he takes to take hold again [s]."""
-    patience: float = 0.5
+    patience: float = 0.8
     """How long he waits with moving on until the depth is right [s]."""
     press_speed: float = 0.25
     """Speed at which he changes the depth on purpose [m/s]."""
 
     def __post_init__(self) -> None:
-        for name in ("speed", "line_spacing", "noise_time", "stiffness", "relax_time", "grip_time", "press_speed"):
+        times = ("noise_time", "relax_time", "grip_time")
+        for name in (*times, "speed", "line_spacing", "stiffness", "press_speed"):
             if not getattr(self, name) > 0.0:
                 raise ConfigurationError(name, f"{getattr(self, name)} must be above 0")
         for name in ("examination", "lag", "force_noise", "practice_error", "correction", "damping"):
@@ -125,7 +127,7 @@ class SimulatedHand:
         self._surface_z = surface_z
         self._options = options
         self._rng = rng
-        self._noise = 0.0
+        self._noise = self._tremor = 0.0
         self._draws: list[float] = []
         self._walker = Walker((start[0], start[1]), options.speed)
         self._memory = PlaneMemory(areas, cell=options.line_spacing)
@@ -137,6 +139,7 @@ class SimulatedHand:
         self._looked = 0.0
         self._depth = surface_z - start[2]
         self._wanted = self._depth
+        self._speed = 0.0
         self._hold = 1.0
         self._delayed: deque[tuple[float, int, float]] = deque()
         self._colour, self._felt = -1, 0.0
@@ -172,7 +175,7 @@ class SimulatedHand:
         velocity = (
             (position[0] - last[0]) / dt,
             (position[1] - last[1]) / dt,
-            (position[2] - last[2]) / dt if in_control else 0.0,
+            (position[2] - last[2]) / dt,
         )
         return HandIntent(
             position,
@@ -251,12 +254,13 @@ class SimulatedHand:
         while self._delayed and self._delayed[0][0] <= self._age + 1e-9:
             _, self._colour, self._felt = self._delayed.popleft()
         if seen.C <= 0.5:
-            self._depth = seen.depth
+            self._move_depth(seen.depth, dt)
             self._settled = 0.0
             self._hesitates = False
             return
         decay = math.exp(-dt / options.noise_time)
         self._noise = decay * self._noise + math.sqrt(1.0 - decay * decay) * self._draw()
+        self._tremor += dt / (dt + 1.0 / QUICKNESS) * (self._noise - self._tremor)
         if self._colour < 0:
             wanted = -AIR
         else:
@@ -266,14 +270,20 @@ class SimulatedHand:
             if self._settled > 2.0 * options.lag or not options.practised:
                 error = 1.0 - self._felt / self._reference_force
                 self._depths[known] *= 1.0 + max(-0.5, min(0.5, error)) * options.correction * dt
-            unsteady = options.force_noise / self._reference_force * self._noise
+            unsteady = options.force_noise / self._reference_force * self._tremor
             wanted = self._depths[known] * (1.0 + unsteady)
         self._wanted = wanted
-        off = abs(wanted - seen.depth) > 0.25 * abs(wanted)
+        off = abs(wanted - seen.depth) > 0.15 * abs(wanted)
         self._waited = self._waited + dt if off else 0.0
         self._hesitates = options.practised and off and self._waited < options.patience
-        limit = options.press_speed * dt
-        self._depth += max(-limit, min(limit, wanted - self._depth))
+        self._move_depth(wanted, dt)
+
+    def _move_depth(self, wanted: float, dt: float) -> None:
+        """Bring the intended depth to the wanted one as an arm does: without a step in speed."""
+        pull = QUICKNESS * QUICKNESS * (wanted - self._depth) - 2.0 * QUICKNESS * self._speed
+        speed = self._speed + pull * dt / (1.0 + QUICKNESS * dt) ** 2
+        self._speed = max(-self._options.press_speed, min(self._options.press_speed, speed))
+        self._depth += self._speed * dt
 
     def _draw(self) -> float:
         if not self._draws:

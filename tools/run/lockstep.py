@@ -57,6 +57,7 @@ class LockstepLoop:
             watch=options.watch,
             recording=recording._replace(epoch_ns=EPOCH_NS - self.start_ns),
             step=CompiledCycle(),
+            keeps_timing=False,
         )
         self._next_ns = self.start_ns
 

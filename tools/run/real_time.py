@@ -104,6 +104,7 @@ def run_real_time(request: TeachRequest, view: View, *, name: str) -> Outcome:
                 with _punctual():
                     start_ns = grid_ns + ((time.monotonic_ns() - grid_ns) // TICK_NS + 2) * TICK_NS
                     run_ticks(session, plugs, start_ns=start_ns, epoch_ns=epoch_ns)
+                loop.request_stop()
                 canary.close()
         finally:
             result = loop.result()

@@ -24,7 +24,7 @@ class StillDevice:
         self.init_ends = True
         self.vectors = {
             "measpos": (0.0, 0.0, 0.0),
-            "measvel": (0.0, 0.0, 0.0),
+            "modelvel": (0.0, 0.0, 0.0),
             "measforce": (0.0, 0.0, 0.0),
             "workspace_r": (-0.19, 0.45, 0.19),
             "workspace_phi": (-0.504, 0.0, 0.507),

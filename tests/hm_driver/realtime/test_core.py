@@ -56,13 +56,13 @@ class Bench:
 def test_a_cycle_asks_for_everything_in_one_request():
     bench = Bench()
     bench.run(3)
-    assert bench.device.requests == ["get measpos; get measvel; get measforce"] * 3
+    assert bench.device.requests == ["get measpos; get modelvel; get measforce"] * 3
 
 
 def test_a_link_that_does_not_combine_gets_one_command_a_request():
     bench = Bench(combined=False)
     bench.run(2)
-    assert bench.device.requests == ["get measpos", "get measvel", "get measforce"] * 2
+    assert bench.device.requests == ["get measpos", "get modelvel", "get measforce"] * 2
     assert bench.segment.words[Word.EXCHANGES] == 6
 
 
@@ -139,7 +139,7 @@ def test_a_requested_stop_releases_at_the_rate_of_every_hand_over_and_ends():
     ("quantity", "value", "trip"),
     [
         ("measpos", (0.5, 0.0, 0.0), Trip.WORKSPACE),
-        ("measvel", (1.0, 0.0, 0.0), Trip.VELOCITY),
+        ("modelvel", (1.0, 0.0, 0.0), Trip.VELOCITY),
         ("measforce", (0.0, 0.0, 200.0), Trip.FORCE),
         ("measforce", (0.0, 0.0, math.nan), Trip.DATA),
     ],
