@@ -2,7 +2,7 @@
 
 import math
 
-from emulator.compilation import Indices, Numbers, kernel
+from emulator.compilation import Indices, Numbers, entry_point, kernel
 from emulator.inner_loop import inner_step
 from emulator.layout import (
     O_ACCELERATION_LIMITED,
@@ -92,7 +92,7 @@ def publish(state: Numbers, params: Numbers, outputs: Numbers) -> None:
     outputs[O_DRIVE_LIMITED] = state[S_DRIVE_LIMITED]
 
 
-@kernel
+@entry_point
 def advance(
     state: Numbers,
     params: Numbers,
