@@ -36,6 +36,8 @@ class DemonstratorOptions:
     """Speed along the lines [m/s]."""
     line_spacing: float = 0.025
     """Distance of two lines [m]."""
+    edge_distance: float = 0.02
+    """How far from the edge of an object he keeps [m]."""
     examination: float = 3.0
     """How long he looks at the skill after an update [s]."""
     lag: float = 0.15
@@ -72,7 +74,15 @@ class DemonstratorOptions:
         for name in (*times, "speed", "line_spacing", "stiffness", "press_speed"):
             if not getattr(self, name) > 0.0:
                 raise ConfigurationError(name, f"{getattr(self, name)} must be above 0")
-        for name in ("examination", "lag", "force_noise", "practice_error", "correction", "damping"):
+        for name in (
+            "edge_distance",
+            "examination",
+            "lag",
+            "force_noise",
+            "practice_error",
+            "correction",
+            "damping",
+        ):
             if not getattr(self, name) >= 0.0:
                 raise ConfigurationError(name, f"{getattr(self, name)} must not be negative")
         if not 0.0 <= self.relaxed_stiffness <= 20.0:
@@ -190,7 +200,7 @@ class SimulatedHand:
         path = raster(
             area,
             self._options.line_spacing,
-            self._options.line_spacing / 2.0 + shift,
+            self._options.edge_distance + shift,
             along_x=self._lines_along_x,
             start=self._walker.position,
         )
