@@ -276,7 +276,8 @@ class Motion:
 
         K v dt + B dv for a handle at rest, K (v - x') dt + B dv for one that moves at x': a reference that
         goes along with the handle changes no force. The difference to the change of the force as logged is
-        the handle's own: a spring of 5 kN/m and 245 N*s/m that a hand moves changes by more than 0.5 N per ms.
+        the handle's own: a hand changes the force of a spring of 5 kN/m and 245 N*s/m by more than 0.5 N
+        per ms.
         """
         velocity = self.command[f"reference_velocity.{axis}"]
         at_rest = stiffness * velocity[1:] * self.dt_s + damping * np.diff(velocity)
