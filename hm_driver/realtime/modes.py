@@ -7,12 +7,17 @@ from hm_driver.errors import ConfigurationError
 from hm_driver.geometry import ArmGeometry
 from hm_driver.realtime import cycle
 
+STIFFNESS_MAX = 100e3
+"""Stiffest spring that the device takes [N/m]."""
+ARM_FORCE_MAX = 250.0
+"""Largest force that the arm itself can give [N]."""
 
-def _require_positive(options: object, names: tuple[str, ...]) -> None:
+
+def _require_positive(options: object, unit: str, highest: float, *names: str) -> None:
     for name in names:
         value = getattr(options, name)
-        if not (math.isfinite(value) and value > 0.0):
-            raise ConfigurationError(name, f"{value} must be a finite number above 0")
+        if not 0.0 < value <= highest:
+            raise ConfigurationError(name, f"{value} must be above 0 and at most {highest:g} {unit}".rstrip())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,19 +46,10 @@ class ModeOptions:
     """Time constant by which a reference approaches its target [s]."""
 
     def __post_init__(self) -> None:
-        _require_positive(
-            self,
-            (
-                "position_stiffness",
-                "position_damping_ratio",
-                "position_force_max",
-                "assist_stiffness",
-                "assist_damping_ratio",
-                "assist_force_max",
-                "assist_time",
-                "follow_time",
-            ),
-        )
+        _require_positive(self, "N/m", STIFFNESS_MAX, "position_stiffness", "assist_stiffness")
+        _require_positive(self, "", 100.0, "position_damping_ratio", "assist_damping_ratio")
+        _require_positive(self, "N", ARM_FORCE_MAX, "position_force_max", "assist_force_max")
+        _require_positive(self, "s", 60.0, "assist_time", "follow_time")
         if not 2.0 <= self.inertia <= 20.0:
             raise ConfigurationError(
                 "inertia", f"{self.inertia} kg must be 2 to 20 kg; the device refuses less"
@@ -93,13 +89,16 @@ class LimitOptions:
     """How far beyond an end stop a measured position may be before the arm is stopped [m], [rad]."""
 
     def __post_init__(self) -> None:
-        _require_positive(self, ("force_rate", "bias_rate", "reference_speed", "force_trip"))
-        _require_positive(self, ("velocity_r", "velocity_phi", "velocity_z"))
+        _require_positive(self, "N/s", 1e6, "force_rate", "bias_rate")
+        _require_positive(self, "N", 1e3, "force_trip")
+        _require_positive(self, "m/s", 10.0, "reference_speed", "velocity_r", "velocity_z")
+        _require_positive(self, "rad/s", 20.0, "velocity_phi")
         if not self.velocity_trip > 1.0:
             raise ConfigurationError("velocity_trip", f"{self.velocity_trip} must be above 1")
-        for name in ("bias_max", "workspace_margin"):
-            if not getattr(self, name) >= 0.0:
-                raise ConfigurationError(name, f"{getattr(self, name)} must not be negative")
+        if not 0.0 <= self.bias_max <= ARM_FORCE_MAX:
+            raise ConfigurationError("bias_max", f"{self.bias_max} N must be 0 to {ARM_FORCE_MAX:g} N")
+        if not 0.0 <= self.workspace_margin <= 0.1:
+            raise ConfigurationError("workspace_margin", f"{self.workspace_margin} must be 0 to 0.1 m, rad")
 
 
 def cycle_parameters(

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import multiprocessing
 from functools import cache
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from mcap.reader import make_reader
 
 from emulator.in_process import LockstepEmulator
-from hm_driver.errors import SafetyTrip
+from hm_driver.errors import RecordingError, SafetyTrip
 from hm_driver.realtime.modes import LimitOptions, ModeOptions
 from hm_driver.recording.reader import Recording
 from teaching.hands.simulated import DemonstratorOptions
@@ -231,6 +232,20 @@ def test_an_interrupt_stops_the_device_and_leaves_a_complete_log(emulators, tmp_
         run(tmp_path, react=interrupt)
     assert emulators[0].truth().state == "stop"
     check_readable(tmp_path / "session.mcap", trip="")
+
+
+def test_a_recorder_that_dies_ends_the_session_with_an_error_and_the_device_stopped(emulators, tmp_path):
+    def kill_recorder(time_s, _):
+        if math.isclose(time_s, 0.5):
+            (recorder,) = multiprocessing.active_children()
+            recorder.kill()
+
+    options = dataclasses.replace(
+        OPTIONS, session=dataclasses.replace(OPTIONS.session, practice=0.2, give_up=0.6)
+    )
+    with pytest.raises(RecordingError, match="recorder died"):
+        run(tmp_path, react=kill_recorder, options=options)
+    assert emulators[0].truth().state == "stop"
 
 
 def test_the_user_can_begin_the_autonomous_run_from_the_view(tmp_path):

@@ -95,7 +95,8 @@ def open_recording(
                 f"{request.output} cannot be made: {error}; choose another --output"
             ) from error
         blocks = [
-            stack.enter_context(SharedBlock.create(RING_BYTES, tag="ring")) for _ in range(2 - is_lockstep)
+            stack.enter_context(SharedBlock.create(RING_BYTES, tag="ring"))
+            for _ in range(1 if is_lockstep else 2)
         ]
         for block in blocks:
             Ring.format(memoryview(block.buffer))

@@ -457,6 +457,7 @@ def test_a_trip_of_a_limit_still_moves_the_springs_so_that_they_can_be_released(
     [
         (ModeOptions, "position_stiffness", 0.0),
         (ModeOptions, "position_force_max", math.inf),
+        (ModeOptions, "assist_stiffness", 100_001.0),
         (ModeOptions, "follow_time", math.nan),
         (ModeOptions, "inertia", 1.9),
         (ModeOptions, "inertia", math.nan),
@@ -466,6 +467,7 @@ def test_a_trip_of_a_limit_still_moves_the_springs_so_that_they_can_be_released(
         (LimitOptions, "velocity_phi", math.nan),
         (LimitOptions, "velocity_trip", 1.0),
         (LimitOptions, "bias_max", -1.0),
+        (LimitOptions, "bias_max", math.inf),
         (LimitOptions, "workspace_margin", math.nan),
     ],
 )
