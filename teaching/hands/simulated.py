@@ -82,9 +82,13 @@ class DemonstratorOptions:
             "practice_error",
             "correction",
             "damping",
+            "relaxed_damping",
+            "patience",
         ):
             if not getattr(self, name) >= 0.0:
                 raise ConfigurationError(name, f"{getattr(self, name)} must not be negative")
+        if self.line_spacing < 0.001:
+            raise ConfigurationError("line_spacing", f"{self.line_spacing} m must be at least 0.001 m")
         if not 0.0 <= self.relaxed_stiffness <= 20.0:
             raise ConfigurationError("relaxed_stiffness", f"{self.relaxed_stiffness} N/m must be 0 to 20 N/m")
 

@@ -14,7 +14,7 @@ from hm_driver.realtime.setpoint import LoopState
 from teaching.accumulator import Accumulator
 from teaching.arbitration import ExistenceArbitration, Query
 from teaching.lwr import LWR
-from teaching.session import ForceFeedback, Session, SessionOptions, Stage
+from teaching.session import INTENTION_S, ForceFeedback, Session, SessionOptions, Stage
 from teaching.task import Contact, Task
 
 DT = 0.01
@@ -273,15 +273,25 @@ def test_a_hand_over_is_told_and_counted(paper):
 def test_what_the_demonstrator_commands_is_the_handle_and_in_the_blend_his_estimated_intention(
     paper, depth, force_z
 ):
-    teacher = Teacher(paper, learner=plane_learner(), hand_over=0.5, practice=0.05)
-    alone = teacher.tick(depth=depth, force_z=force_z)
-    assert alone.C == 1.0
-    assert alone.y_demo == pytest.approx(max(0.0, depth), abs=1e-12)
-    for blended in teacher.teach(0.3, depth=depth, force_z=force_z)[5:]:
+    teacher = Teacher(paper, learner=plane_learner(), hand_over=0.5, practice=2.0)
+    for alone in teacher.teach(1.9, depth=depth, force_z=force_z):
+        assert alone.C == 1.0
+        assert alone.y_demo == pytest.approx(max(0.0, depth), abs=1e-12)
+    for blended in teacher.teach(0.5, depth=depth, force_z=force_z)[15:]:
         assert 0.0 < blended.C < 1.0
         # a hand that pushes down, F < 0, wants to be deeper than the handle is
         intended = depth - force_z * paper.scale[2] / ASSIST_STIFFNESS
-        assert blended.y_demo == pytest.approx(max(0.0, intended), abs=1e-12)
+        assert blended.y_demo == pytest.approx(max(0.0, intended), abs=1e-9)
+
+
+def test_a_jerk_of_the_hand_enters_the_estimate_of_his_intention_smoothly(paper):
+    teacher = Teacher(paper, learner=plane_learner(), hand_over=10.0)
+    teacher.teach(1.0, depth=0.02)
+    push = [tick.y_demo - 0.02 for tick in teacher.teach(0.5, depth=0.02, force_z=-3.0)]
+    whole = 3.0 / ASSIST_STIFFNESS
+    assert push[round(INTENTION_S / DT)] == pytest.approx((1.0 - math.exp(-1.0)) * whole, rel=0.15)
+    assert push[-1] == pytest.approx(whole, rel=1e-3)
+    assert all(b > a for a, b in itertools.pairwise(push))
 
 
 def test_the_command_is_the_blend_of_eq_8(paper):

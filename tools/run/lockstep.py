@@ -95,11 +95,13 @@ class LockstepLoop:
 
     def stop(self) -> None:
         """Release the springs and stop the device."""
-        self._core.stop()
-        while self._core.run_cycle():
-            pass
-        bring_up.make_safe(self._link)
-        bring_up.clear(self._link)
+        try:
+            self._core.stop()
+            while self._core.run_cycle():
+                pass
+        finally:
+            bring_up.make_safe(self._link)
+            bring_up.clear(self._link)
 
 
 def run_lockstep(request: TeachRequest, view: View, *, name: str) -> Outcome:
