@@ -51,7 +51,9 @@ class ArmGeometry:
         for joint in ("r", "phi", "z"):
             low, high = getattr(self, f"{joint}_min"), getattr(self, f"{joint}_max")
             if not (math.isfinite(low) and math.isfinite(high) and low < high):
-                raise ConfigurationError(f"{joint}_min", f"{low} must be finite and below {joint}_max = {high}")
+                raise ConfigurationError(
+                    f"{joint}_min", f"{low} must be finite and below {joint}_max = {high}"
+                )
         if not (math.isfinite(self.r0) and self.r0 + self.r_min > 0.0):
             raise ConfigurationError("r0", f"{self.r0} m must exceed -r_min = {-self.r_min} m")
 

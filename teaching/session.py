@@ -67,6 +67,8 @@ class SessionOptions:
     hand-over, a demonstrator does not demonstrate it. A large value takes every sample, as eq. (10) does."""
     record_without_contact: bool = False
     """Whether samples are accumulated while the manipulator does not touch the surface."""
+    depth_limit: float = 0.2
+    """Largest displacement that the skill may command [m]; the arm reaches 0.29 m below the paper's surface."""
     autonomous_speed: float = 0.15
     """Speed of the manipulator in the autonomous run [m/s]."""
     autonomous_acceleration: float = 1.0
@@ -87,6 +89,7 @@ class SessionOptions:
             "autonomous_speed",
             "autonomous_acceleration",
             "autonomous_spacing",
+            "depth_limit",
             "transient_speed",
         ):
             if not 0.0 < getattr(self, name):
@@ -185,7 +188,6 @@ class Session:
         self._assist_compliance = task.scale[2] / assist_stiffness
         self._batches: deque[Batch] = deque()
         self._pending: BackgroundUpdate[LWR] | None = None
-        self._deepest = task.depth_max
         self._walker: Walker | None = None
         self._push = 0.0
         self._time = 0.0
@@ -225,7 +227,7 @@ class Session:
         self._C = C
         self._push += dt / (dt + INTENTION_S) * (measured.force_z - self._push)
         y_demo = max(0.0, depth if C == 1.0 else depth - self._push * self._assist_compliance)
-        y_robot = min(max(y_robot, 0.0), self._deepest)
+        y_robot = min(max(y_robot, 0.0), self.options.depth_limit)
         y_cmd = blend(C, y_demo, y_robot)
         recorded = self._accumulate(C, x, y, depth, measured.velocity_z)
         update = self._learn()

@@ -124,7 +124,7 @@ class Publisher:
                     index, time_ns, *references, *s[_VELOCITIES], *forces, *phases,
                     s[_ASSIST_REFERENCE], assist_force, *s[_BIAS],
                     index, time_ns, lateness_ns, execution_ns, exchange_ns, lateness_ns + execution_ns,
-                    missed, dt,
+                    missed, dt, int(s[_SATURATED]),
                 )  # fmt: skip
                 ring.commit()
         if self._keeps_timing:

@@ -75,6 +75,11 @@ LOOP_TIMING = FixedMessage(
         Field("response_ns", Kind.SFIXED64, "From the cycle's point on the grid to the command sent", "ns"),
         Field("missed_periods", Kind.FIXED64, "Periods skipped since the loop started"),
         Field("dt_s", Kind.DOUBLE, "Time step handed to the control law", "s"),
+        Field(
+            "saturated_cycles",
+            Kind.FIXED64,
+            "Cycles with a joint at its velocity limit since the loop started",
+        ),
     ),
 )
 

@@ -302,8 +302,8 @@ def test_the_command_is_the_blend_of_eq_8(paper):
     assert tick.y_cmd == tick.y_robot == pytest.approx(0.08, abs=1e-3)
 
 
-def test_the_skill_never_commands_above_the_surface_or_deeper_than_the_task_needs(paper):
-    for depth, commanded in ((-0.05, 0.0), (0.5, paper.depth_max)):
+def test_the_skill_never_commands_above_the_surface_or_deeper_than_the_limit(paper):
+    for depth, commanded in ((-0.05, 0.0), (0.5, SessionOptions().depth_limit)):
         tick = Teacher(paper, learner=plane_learner(depth), hand_over=0.0).tick()
         assert tick.y_robot == tick.y_cmd == commanded
 

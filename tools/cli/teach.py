@@ -30,10 +30,10 @@ def teach(
     output: Path = Path("sessions"),
     json: Annotated[bool, _SWITCH] = False,
 ) -> int:
-    """Teach the arm a task: a human demonstrates, the robot learns meanwhile and takes over where it has learned.
+    """Teach the arm a task: a human demonstrates, the robot learns meanwhile and takes over where it has.
 
-    Without --device an emulator is started, and a simulated person holds its handle. At the end the table of the
-    session and the path of its report are printed. Ctrl-C stops the arm and keeps the log.
+    Without --device an emulator is started, and a simulated person holds its handle. At the end the table of
+    the session and the path of its report are printed. Ctrl-C stops the arm and keeps the log.
 
     Args:
         fast: Run in lock-step on a virtual clock, as fast as it goes; the same seed gives the same log.

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hm_driver.realtime.modes import ModeOptions
 from teaching.evaluation import ForceError, by_border
 from teaching.task import Task
 from tools.report.session_data import AUTONOMOUS, Cycles, FloatArray, Skill, Ticks
@@ -156,13 +157,22 @@ def hand_overs(ticks: Ticks) -> int:
     return int(np.count_nonzero(np.diff((C > 0.5).astype(np.int8))))
 
 
-def force_change(cycles: Cycles) -> float:
-    """Largest change of the commanded spring force in z from a cycle to the next [N per ms]."""
-    total = cycles.spring_force_z + cycles.assist_force
-    steps, dt_ms = np.diff(total), np.diff(cycles.time_s) * 1e3
-    if not len(steps):
-        return math.nan
-    return float(np.max(np.abs(steps) / np.maximum(dt_ms, 1.0)))
+def force_change(cycles: Cycles, modes: ModeOptions) -> float:
+    """Largest change of the position spring's force in z that the command caused [N per ms].
+
+    With the handle moving as it does, the reference changes the force K (r - x) + B (v - x') by
+    K (v - x') dt + B dv in a cycle, and by B dv beyond going on as before; the smaller one is taken. The rest
+    of what the force changes by is the hand's.
+    """
+    stiffness = modes.position_stiffness
+    damping = modes.damping(stiffness, modes.position_damping_ratio)
+    is_engaged = (cycles.phase_z[1:] == 1.0) & (cycles.phase_z[:-1] == 1.0)
+    dt = np.diff(cycles.time_s)
+    slip = cycles.reference_velocity_z[1:] - cycles.velocity_z[1:]
+    going_on = damping * np.diff(cycles.reference_velocity_z)
+    change = np.minimum(np.abs(stiffness * slip * dt + going_on), np.abs(going_on))
+    change = change[is_engaged] / (dt[is_engaged] * 1e3)
+    return float(change.max()) if len(change) else math.nan
 
 
 def decimate(time: FloatArray, values: FloatArray, bins: int) -> tuple[FloatArray, FloatArray]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from hm_driver.errors import ConfigurationError, RecordingError
 from hm_driver.geometry import ArmGeometry
+from hm_driver.realtime.modes import ModeOptions
 from hm_driver.recording.reader import Recording, RecordingWarning
 from teaching.task import Task
 from teaching.task_file import load_task, task_from_dict
@@ -38,12 +39,15 @@ WANTED: dict[str, tuple[str, ...]] = {
         *("time_ns", "update", "samples", "added", "pruned", "coverage"),
         *("centres", "D", "M"),
     ),
-    STATE_TOPIC: ("time_ns", "sequence", "measured_position.x", "measured_position.y", "measured_position.z"),
+    STATE_TOPIC: (
+        *("time_ns", "sequence", "measured_position.x", "measured_position.y", "measured_position.z"),
+        "model_velocity.z",
+    ),
     COMMAND_TOPIC: (
-        *("sequence", "reference.z", "phase.z", "assist_reference"),
+        *("sequence", "reference.z", "reference_velocity.z", "phase.z", "assist_reference"),
         *("spring_force.z", "assist_force"),
     ),
-    TIMING_TOPIC: ("lateness_ns", "exchange_ns", "missed_periods"),
+    TIMING_TOPIC: ("lateness_ns", "exchange_ns", "missed_periods", "saturated_cycles"),
     EVENTS_TOPIC: ("time_ns", "level", "name", "text"),
 }
 """Every topic and column that the report reads."""
@@ -111,8 +115,12 @@ class Cycles:
     """Position of the handle, frame of the device [m]."""
     y: FloatArray
     z: FloatArray
+    velocity_z: FloatArray
+    """Velocity of the handle in z [m/s]."""
     reference_z: FloatArray
     """Reference of the position spring in z [m]."""
+    reference_velocity_z: FloatArray
+    """Velocity of that reference [m/s]."""
     phase_z: FloatArray
     """0 admittance, 1 position, 2 releasing."""
     assist_reference: FloatArray
@@ -133,6 +141,8 @@ class Timing:
     """Exchange with the device [us]."""
     missed_periods: int
     """Periods skipped in all."""
+    saturated_cycles: int
+    """Cycles with a joint at its velocity limit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,6 +171,8 @@ class SessionData:
     """The plane, its objects and the mapping."""
     geometry: ArmGeometry
     """Reach of the arm."""
+    modes: ModeOptions
+    """Springs of the loop."""
     w_th: float
     """Activation threshold of the arbitration."""
     ticks: Ticks
@@ -213,6 +225,7 @@ def _load(log: Recording) -> SessionData:
         metadata=log.metadata,
         task=_task(log, config, attachments),
         geometry=_geometry(config),
+        modes=_modes(config),
         w_th=float(config.get("arbitration", {}).get("w_th", 0.5)),
         ticks=_ticks(arbitration, start_ns),
         skills=_skills(_table(tables, LEARNER_TOPIC), start_ns),
@@ -249,6 +262,13 @@ def _geometry(config: Mapping[str, Any]) -> ArmGeometry:
         return ArmGeometry(**config.get("geometry", {}))
     except (TypeError, ConfigurationError):
         return ArmGeometry()
+
+
+def _modes(config: Mapping[str, Any]) -> ModeOptions:
+    try:
+        return ModeOptions(**config.get("modes", {}))
+    except (TypeError, ConfigurationError):
+        return ModeOptions()
 
 
 def _ticks(columns: Mapping[str, NDArray[Any]], start_ns: int) -> Ticks:
@@ -291,7 +311,9 @@ def _cycles(state: Mapping[str, NDArray[Any]], command: Mapping[str, NDArray[Any
         x=state["measured_position.x"][mine],
         y=state["measured_position.y"][mine],
         z=state["measured_position.z"][mine],
+        velocity_z=state["model_velocity.z"][mine],
         reference_z=command["reference.z"][its],
+        reference_velocity_z=command["reference_velocity.z"][its],
         phase_z=command["phase.z"][its],
         assist_reference=command["assist_reference"][its],
         spring_force_z=command["spring_force.z"][its],
@@ -300,11 +322,12 @@ def _cycles(state: Mapping[str, NDArray[Any]], command: Mapping[str, NDArray[Any
 
 
 def _timing(columns: Mapping[str, NDArray[Any]]) -> Timing:
-    missed = columns["missed_periods"]
+    missed, saturated = columns["missed_periods"], columns["saturated_cycles"]
     return Timing(
         lateness_us=columns["lateness_ns"] / 1e3,
         exchange_us=columns["exchange_ns"] / 1e3,
         missed_periods=int(missed[-1]) if len(missed) else 0,
+        saturated_cycles=int(saturated[-1]) if len(saturated) else 0,
     )
 
 

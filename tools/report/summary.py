@@ -45,10 +45,12 @@ class Summary:
     """Cycles of the loop in the log."""
     missed_periods: int
     """Periods of the loop that were skipped."""
+    saturated_cycles: int
+    """Cycles with a joint at its velocity limit."""
     lost_messages: int
     """Messages that did not get into the log."""
     force_change_n_per_ms: float
-    """Largest change of the commanded spring forces in z from a cycle to the next [N/ms]."""
+    """Largest change of the position spring's force in z that the command caused [N/ms]."""
     lateness_us: Lateness
     """Lateness of the loop [us]; means nothing on a virtual clock."""
     grid: ForceError
@@ -108,8 +110,9 @@ def analyse(data: SessionData) -> Analysis:
         update_times_s=tuple(skill.time_s for skill in data.skills),
         cycles=len(data.timing.lateness_us),
         missed_periods=data.timing.missed_periods,
+        saturated_cycles=data.timing.saturated_cycles,
         lost_messages=data.lost_messages,
-        force_change_n_per_ms=metrics.force_change(data.cycles),
+        force_change_n_per_ms=metrics.force_change(data.cycles, data.modes),
         lateness_us=metrics.lateness(data.timing.lateness_us),
         grid=by_border(errors[-1] if errors else np.empty(0), border if errors else np.empty(0)),
         run=metrics.run_error(run),

@@ -29,7 +29,11 @@ def session_table(summary: Summary, *, is_virtual: bool) -> str:
             "Lateness of the loop",
             "no meaning on a virtual clock" if is_virtual else _lateness(summary.lateness_us),
         ),
-        ("Largest change of the springs' force in z", f"{number(summary.force_change_n_per_ms)} N per ms"),
+        ("Cycles with a joint at its velocity limit", f"{summary.saturated_cycles}"),
+        (
+            "Largest change of the position spring's force in z by the command",
+            f"{number(summary.force_change_n_per_ms)} N per ms",
+        ),
         ("Messages lost on the way to the log", f"{summary.lost_messages}"),
     )
     body = "".join(f'<tr><th scope="row">{name}</th><td>{value}</td></tr>' for name, value in rows)

@@ -107,7 +107,9 @@ def handle(analysis: Analysis) -> list[str]:
     paragraphs = [first]
     change, rendering = summary.force_change_n_per_ms, summary.run.rendering.overall.mean
     if math.isfinite(change):
-        paragraphs.append(f"The springs' force in z changed by {change:.2f} N per ms at most in the session.")
+        paragraphs.append(
+            f"The command changed the position spring's force in z by {change:.2f} N per ms at most."
+        )
     if math.isfinite(rendering):
         paragraphs.append(
             f"In the autonomous run the handle missed its reference by {_n(rendering)} of force on average."

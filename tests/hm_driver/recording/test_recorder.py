@@ -29,7 +29,7 @@ def loop_values(cycle):
     time_ns = EPOCH_NS + cycle * 1_000_000
     state = [cycle, time_ns] + [0.1 * cycle] * 9
     command = [cycle, time_ns] + [1.0] * 17
-    return state + command + [cycle, time_ns, 1, 2, 3, 4, 0, 1e-3]
+    return state + command + [cycle, time_ns, 1, 2, 3, 4, 0, 1e-3, 0]
 
 
 def write_cycle(ring, cycle):

@@ -70,7 +70,7 @@ def loop_values(arm, cycle, time_ns, engaged, rng):
         0.0,
         *([0.0] * 3),
     ]
-    return state + command + [cycle, time_ns, late, 180_000, 90_000, late + 180_000, cycle // 50_000, 1e-3]
+    return state + command + [cycle, time_ns, late, 180_000, 90_000, late + 180_000, cycle // 50_000, 1e-3, 0]
 
 
 def plain(value):
