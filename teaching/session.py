@@ -68,7 +68,7 @@ class SessionOptions:
     record_without_contact: bool = False
     """Whether samples are accumulated while the manipulator does not touch the surface."""
     depth_limit: float = 0.2
-    """Largest displacement that the skill may command [m]; the arm reaches 0.29 m below the paper's surface."""
+    """Largest displacement that the skill may command [m]; the arm reaches 0.29 m for the paper's task."""
     autonomous_speed: float = 0.15
     """Speed of the manipulator in the autonomous run [m/s]."""
     autonomous_acceleration: float = 1.0

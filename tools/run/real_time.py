@@ -4,6 +4,7 @@ import contextlib
 import gc
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 
 from emulator.process import Emulator
 from emulator.world import WorldClient
@@ -119,6 +120,11 @@ def run_real_time(request: TeachRequest, view: View, *, name: str) -> Outcome:
 
 
 def _loop_options(request: TeachRequest, device: str, ring: str, epoch_ns: int) -> LoopOptions:
+    """Options of the loop.
+
+    With an emulator of its own, on a machine that may be shared and slow, a session only counts its missed
+    periods; with any device that the user names, too many of them stop the arm.
+    """
     options = request.options
     return LoopOptions(
         url=device,
@@ -126,7 +132,7 @@ def _loop_options(request: TeachRequest, device: str, ring: str, epoch_ns: int) 
         limits=options.limits,
         geometry=options.geometry,
         timing=options.timing,
-        watch=options.watch,
+        watch=options.watch if request.device else replace(options.watch, missed_s=0.0),
         tick_s=TICK_S,
         init_timeout_s=options.init_timeout_s,
         ring=ring,
