@@ -3,6 +3,7 @@
 from hm_driver.realtime.setpoint import LoopState
 from teaching.session import Session, Tick
 from tools.live import LiveView, SessionStatus
+from tools.run.keyboard import Keyboard
 
 _EVERY = 10
 
@@ -22,7 +23,8 @@ class SessionView:
         self._coverage_goal = coverage_goal
         self._ticks = 0
         self._last = LoopState()
-        self._messages: list[str] = []
+        self._keyboard = Keyboard()
+        self._messages = ["type a and Enter to let the skill go on alone"] if self._keyboard.is_there else []
         self.session_s = 0.0
         """Duration of the session so far [s]."""
         self.session: Session | None = None
@@ -34,6 +36,8 @@ class SessionView:
         self._ticks += 1
         if self._ticks % _EVERY:
             return
+        if self._keyboard.asked() == "a":
+            session.request_autonomy()
         elapsed_ns = state.time_ns - self._last.time_ns
         rate = (state.cycle - self._last.cycle) * 1e9 / elapsed_ns if elapsed_ns > 0.0 else None
         self._live.update(
