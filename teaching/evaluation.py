@@ -54,4 +54,4 @@ def spread(errors: FloatArray) -> Spread:
     """Mean, 95 % quantile and maximum of errors of shape (n,)."""
     if len(errors) == 0:
         return Spread(math.nan, math.nan, math.nan)
-    return Spread(float(errors.mean()), float(np.quantile(errors, 0.95)), float(errors.max()))
+    return Spread(float(errors.mean()), float(np.quantile(errors, 0.95)), float(np.max(errors)))

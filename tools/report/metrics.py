@@ -133,7 +133,7 @@ def profile(errors: FloatArray, distances: FloatArray, *, width: float = 0.005) 
     """Errors by the distance from the nearest border, in bins of a width [m]."""
     finite = np.isfinite(errors) & np.isfinite(distances)
     errors, distances = errors[finite], distances[finite]
-    n = int(distances.max() / width) + 1 if len(distances) else 0
+    n = int(np.max(distances) / width) + 1 if len(distances) else 0
     index = (distances / width).astype(np.int64)
     parts = [errors[index == place] for place in range(n)]
     return Profile(
@@ -148,7 +148,7 @@ def lateness(lateness_us: FloatArray) -> Lateness:
     if not len(lateness_us):
         return Lateness(math.nan, math.nan, math.nan, math.nan)
     p50, p99, p99_9 = np.quantile(lateness_us, (0.5, 0.99, 0.999))
-    return Lateness(float(p50), float(p99), float(p99_9), float(lateness_us.max()))
+    return Lateness(float(p50), float(p99), float(p99_9), float(np.max(lateness_us)))
 
 
 def hand_overs(ticks: Ticks) -> int:
@@ -172,7 +172,7 @@ def force_change(cycles: Cycles, modes: ModeOptions) -> float:
     going_on = damping * np.diff(cycles.reference_velocity_z)
     change = np.minimum(np.abs(stiffness * slip * dt + going_on), np.abs(going_on))
     change = change[is_engaged] / (dt[is_engaged] * 1e3)
-    return float(change.max()) if len(change) else math.nan
+    return float(np.max(change)) if len(change) else math.nan
 
 
 def decimate(time: FloatArray, values: FloatArray, bins: int) -> tuple[FloatArray, FloatArray]:
