@@ -1,4 +1,4 @@
-"""What all tests share: hypothesis without a deadline, as machines are shared, and no collection of fuzzers."""
+"""What all tests share: hypothesis without a deadline, as machines are shared; fuzzers are not collected."""
 
 from hypothesis import settings
 
