@@ -51,17 +51,29 @@ class ArmModel:
         self.state: Floats = np.zeros(layout.S_SIZE)
         self.params: Floats = pack_parameters(parameters)
         self.outputs: Floats = np.zeros(layout.O_SIZE)
-        self._advance: Callable[..., None] = advance if compiled else interpreted(advance)
+        self._advance: Callable[..., int] = advance if compiled else interpreted(advance)
         self._start(seed)
 
     def warm_up(self) -> None:
         """Compile the kernels, or load their stored code; changes nothing but refreshes the outputs."""
         self.step(0)
 
-    def step(self, n: int) -> None:
-        """Run ``n`` steps of 1/2500 s and refresh the outputs."""
+    def step(self, n: int) -> int:
+        """Run ``n`` steps of 1/2500 s, or fewer where a guard trips, and refresh the outputs.
+
+        Returns:
+            The number of steps run.
+        """
         table = self.effects
-        self._advance(self.state, self.params, table.flat, table.active, table.n_active, self.outputs, n)
+        return self._advance(
+            self.state, self.params, table.flat, table.active, table.n_active, self.outputs, n
+        )
+
+    def set_guards(self, *, speed: float, force: float, following_error: float) -> None:
+        """Stop stepping where the powered arm is beyond a limit [m/s, N, m]; at first there is none."""
+        self.params[layout.P_GUARD_SPEED] = speed
+        self.params[layout.P_GUARD_FORCE] = force
+        self.params[layout.P_GUARD_FOLLOWING] = following_error
 
     @property
     def step_count(self) -> int:
@@ -273,6 +285,9 @@ def pack_parameters(parameters: ArmParameters) -> Floats:
         layout.P_HAND_FADE: parameters.hand_fade_s,
         layout.P_SHAKER_SWEEP: parameters.shaker_sweep_s,
         layout.P_SHAKER_RAMP: parameters.shaker_ramp_s,
+        layout.P_GUARD_SPEED: math.inf,
+        layout.P_GUARD_FORCE: math.inf,
+        layout.P_GUARD_FOLLOWING: math.inf,
     }
     speed, integral = parameters.friction_compensation_speed, parameters.servo_integral_max
     first, second, third = parameters.encoder_resolution

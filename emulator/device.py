@@ -9,7 +9,8 @@ from emulator.agenda import Agenda
 from emulator.arm_model import ArmModel
 from emulator.effect_table import CAPACITY, EffectKind
 from emulator.grid import STEP_RATE_HZ
-from emulator.guards import GUARD_STEPS, Guards
+from emulator.guards import Guards
+from emulator.layout import O_GUARD
 from emulator.parameters import ArmParameters
 from emulator.state_machine import RENDERING, Event, StateMachine, StateRefused
 from hm_driver.errors import ConfigurationError, ProtocolError
@@ -92,10 +93,14 @@ class EmulatedDevice:
         """Steps run so far: the device's time in units of 400 µs."""
         self._guards = guards or Guards()
         self._init_deadline = 0
+        self.arm.set_guards(
+            speed=self._guards.speed,
+            force=self._guards.force,
+            following_error=self._guards.following_error,
+        )
         self.arm.warm_up()
         self._outputs = self.arm.outputs.data
         self._render()
-        self._watch()
 
     @property
     def state(self) -> State:
@@ -122,10 +127,11 @@ class EmulatedDevice:
         end = self.step + steps
         while self.step < end:
             until = min(end, self.agenda.next_step)
-            self.arm.step(until - self.step)
-            self.step = until
-            if until >= self.agenda.next_step:
-                self.agenda.run_due(until)
+            self.step += self.arm.step(until - self.step)
+            if self._outputs[O_GUARD]:
+                self._trip_guard()
+            if self.step >= self.agenda.next_step:
+                self.agenda.run_due(self.step)
 
     def request_state(self, target: State) -> None:
         """Change to a state that a client asks for.
@@ -309,9 +315,6 @@ class EmulatedDevice:
         else:
             self.agenda.enter(self.step + STEP_RATE_HZ // 100, self._end_init, topic="init")
 
-    def _watch(self) -> None:
-        if RENDERING[self.machine.state].powered:
-            violation = self._guards.violation(self._outputs)
-            if violation and self.machine.happen(Event.GUARD_TRIPPED, violation):
-                self._changed_state()
-        self.agenda.enter(self.step + GUARD_STEPS, self._watch, topic="guards")
+    def _trip_guard(self) -> None:
+        if self.machine.happen(Event.GUARD_TRIPPED, self._guards.violation(self._outputs)):
+            self._changed_state()

@@ -12,8 +12,6 @@ from emulator.layout import O_MEASURED_FORCE, O_MEASURED_POSITION, O_MEASURED_VE
 from hm_driver.errors import ConfigurationError
 
 _VECTOR = Struct("3d")
-GUARD_STEPS = 5
-"""The guards look every 2 ms."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

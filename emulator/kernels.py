@@ -1,15 +1,18 @@
 """The whole emulated arm as one function: ``advance`` runs a number of steps on flat arrays."""
 
 import math
+from typing import Final
 
 from emulator.compilation import Indices, Numbers, entry_point, kernel
 from emulator.inner_loop import inner_step
 from emulator.layout import (
+    MODE_UNPOWERED,
     O_ACCELERATION_LIMITED,
     O_AT_END_STOP,
     O_CONTACT_FORCE,
     O_DRIVE_LIMITED,
     O_EFFECT_FORCE,
+    O_GUARD,
     O_HAND_FORCE,
     O_LIMITED_STEPS,
     O_MEASURED_FORCE,
@@ -27,6 +30,9 @@ from emulator.layout import (
     O_TIP_POSITION,
     O_TIP_VELOCITY,
     O_VELOCITY_LIMITED,
+    P_GUARD_FOLLOWING,
+    P_GUARD_FORCE,
+    P_GUARD_SPEED,
     P_R0,
     P_STEP,
     S_ACCELERATION,
@@ -38,6 +44,7 @@ from emulator.layout import (
     S_ENCODER,
     S_HAND_FORCE,
     S_LIMITED_STEPS,
+    S_MODE,
     S_POSITION,
     S_REPORTED_VELOCITY,
     S_SENSOR_FORCE,
@@ -51,6 +58,36 @@ from emulator.layout import (
     S_VELOCITY_LIMITED,
 )
 from emulator.outer_loop import outer_step
+
+GUARD_STEPS: Final = 5
+"""The guards look every 2 ms."""
+
+
+@kernel
+def length(x: float, y: float, z: float) -> float:
+    """Length of a vector."""
+    return math.sqrt(x * x + y * y + z * z)
+
+
+@kernel
+def is_guarded(state: Numbers, params: Numbers, outputs: Numbers) -> bool:
+    """Whether the powered arm breaks a limit of its guards, which a number that is none does too."""
+    if state[S_MODE] == MODE_UNPOWERED:
+        return False
+    following_error = length(
+        outputs[O_MEASURED_POSITION] - outputs[O_MODEL_POSITION],
+        outputs[O_MEASURED_POSITION + 1] - outputs[O_MODEL_POSITION + 1],
+        outputs[O_MEASURED_POSITION + 2] - outputs[O_MODEL_POSITION + 2],
+    )
+    speed = length(
+        outputs[O_MEASURED_VELOCITY], outputs[O_MEASURED_VELOCITY + 1], outputs[O_MEASURED_VELOCITY + 2]
+    )
+    force = length(outputs[O_MEASURED_FORCE], outputs[O_MEASURED_FORCE + 1], outputs[O_MEASURED_FORCE + 2])
+    return not (
+        following_error <= params[P_GUARD_FOLLOWING]
+        and speed <= params[P_GUARD_SPEED]
+        and force <= params[P_GUARD_FORCE]
+    )
 
 
 @kernel
@@ -101,8 +138,8 @@ def advance(
     n_active: int,
     outputs: Numbers,
     n_steps: int,
-) -> None:
-    """Run the arm for a number of steps.
+) -> int:
+    """Run the arm for a number of steps, or until a guard trips.
 
     Args:
         state: Everything that changes, ``S_SIZE`` numbers (``emulator.layout``).
@@ -112,9 +149,24 @@ def advance(
         n_active: How many entries of ``active`` count.
         outputs: ``O_SIZE`` numbers, refreshed after the last step.
         n_steps: Number of steps of ``params[P_STEP]`` seconds; 0 only refreshes the outputs.
+
+    Returns:
+        The number of steps run; after the last one ``outputs[O_GUARD]`` tells whether a guard tripped.
     """
-    for _ in range(n_steps):
-        outer_step(state, params, effects, active, n_active)
-        inner_step(state, params)
-        state[S_STEPS] += 1.0
-    publish(state, params, outputs)
+    outputs[O_GUARD] = 0.0
+    done = 0
+    while True:
+        is_look = False
+        if done < n_steps:
+            outer_step(state, params, effects, active, n_active)
+            inner_step(state, params)
+            state[S_STEPS] += 1.0
+            done += 1
+            is_look = int(state[S_STEPS]) % GUARD_STEPS == 0
+        if is_look or done >= n_steps:
+            publish(state, params, outputs)
+            if is_look and is_guarded(state, params, outputs):
+                outputs[O_GUARD] = 1.0
+                return done
+            if done >= n_steps:
+                return done

@@ -124,7 +124,10 @@ P_HAND_HOLD: Final = 66
 P_HAND_FADE: Final = 67
 P_SHAKER_SWEEP: Final = 68
 P_SHAKER_RAMP: Final = 69
-P_SIZE: Final = 70
+P_GUARD_SPEED: Final = 70
+P_GUARD_FORCE: Final = 71
+P_GUARD_FOLLOWING: Final = 72
+P_SIZE: Final = 73
 
 # Effects: one row each. What a kind does not use stays at its default.
 E_KIND: Final = 0
@@ -201,4 +204,5 @@ O_ACCELERATION_LIMITED: Final = 50
 O_AT_END_STOP: Final = 51
 O_LIMITED_STEPS: Final = 52
 O_DRIVE_LIMITED: Final = 53
-O_SIZE: Final = 54
+O_GUARD: Final = 54
+O_SIZE: Final = 55
