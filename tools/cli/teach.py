@@ -13,6 +13,7 @@ from tools.cli.console import tell, write, write_json, write_table
 if TYPE_CHECKING:
     from tools.report import Summary
     from tools.run.request import Outcome, TeachRequest
+    from tools.run.view import SessionView
 
 _SWITCH = Parameter(negative="")
 
@@ -130,7 +131,7 @@ def _run(request: "TeachRequest", *, fast: bool) -> "Outcome":
             accumulation_length=options.accumulation.N_acc,
             coverage_goal=options.session.autonomy_coverage,
         )
-        with _noting_log(request.output / f"{name}.mcap"):
+        with _noting_log(request.output / f"{name}.mcap", view):
             return (run_lockstep if fast else run_real_time)(request, view, name=name)
 
 
@@ -143,12 +144,12 @@ def _free_name(directory: Path, stem: str) -> str:
 
 
 @contextlib.contextmanager
-def _noting_log(path: Path) -> Iterator[None]:
-    """Say with any failure where the log is, and what can be done with it."""
+def _noting_log(path: Path, view: "SessionView") -> Iterator[None]:
+    """Say with any failure of a session that had begun where its log is, and what can be done with it."""
     try:
         yield
     except (Exception, KeyboardInterrupt) as error:
-        if path.exists():
+        if view.session is not None and path.exists():
             error.add_note(f"the log is complete up to here: {path}; its report: hm report {path}")
         raise
 
