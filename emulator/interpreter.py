@@ -21,6 +21,7 @@ from emulator.layout import (
     O_MODEL_POSITION,
     O_MODEL_VELOCITY,
 )
+from emulator.phrases import PhraseBook
 from hm_driver.errors import ProtocolError
 from hm_driver.protocol import vocabulary
 from hm_driver.protocol.commands import (
@@ -69,13 +70,15 @@ class Interpreter:
         device: What the commands act on.
     """
 
-    __slots__ = ("_device", "_outputs", "_plans", "_quantities", "answered", "refused")
+    __slots__ = ("_device", "_outputs", "_plans", "_quantities", "answered", "phrases", "refused")
 
     def __init__(self, device: EmulatedDevice) -> None:
         self._device = device
         self._outputs = device.outputs
         self._plans: dict[tuple[str, ...], Plan | None] = {}
         self._quantities = self._readers()
+        self.phrases = PhraseBook(device, _VECTOR_QUANTITIES)
+        """What a compiled client may have answered without asking here."""
         self.answered = 0
         """Requests answered."""
         self.refused = 0
@@ -107,10 +110,12 @@ class Interpreter:
         refused = self.refused
         replies = [format_value(self._carry_out(part)) for part in parts]
         if self.refused == refused and outside not in self._plans:
-            self._prepare(outside)
+            self._prepare(outside, parts)
         return ";".join(replies) + ";\n"
 
-    def _prepare(self, outside: tuple[str, ...]) -> None:
+    def _prepare(self, outside: tuple[str, ...], commands: list[str]) -> None:
+        for command in commands:
+            self.phrases.learn(command)
         if len(self._plans) >= _MOST_PLANS:
             self._plans.clear()
         self._plans[outside] = plan_request(outside, self._device, _VECTOR_QUANTITIES, self._quantities)
@@ -148,6 +153,7 @@ class Interpreter:
 
     def _change_objects(self, command: Create | Remove | RemoveAll) -> str:
         self._plans.clear()
+        self.phrases.forget()
         match command:
             case Create(kind, name):
                 self._device.create(kind, name)
