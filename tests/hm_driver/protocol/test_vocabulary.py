@@ -25,9 +25,8 @@ ALL_REPLIES = {
 
 
 def texts_of_the_published_client():
-    # as text: its module of shapes is no valid Python before 3.12
     for source in Path(haptic_master.haptic_master.__file__).parent.glob("*.py"):
-        for text in re.findall(r"return f?'(.*)' in response", source.read_text(encoding="utf-8")):
+        for text in re.findall(r"return f?'(.*)' in self\.", source.read_text(encoding="utf-8")):
             yield text.replace("\\'", "'").replace("{device_state}", "{}")
 
 
