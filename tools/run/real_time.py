@@ -2,6 +2,7 @@
 
 import contextlib
 import gc
+import os
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -14,7 +15,7 @@ from hm_driver.realtime.clock import WallClock
 from hm_driver.realtime.histogram import SIZE, Histogram
 from hm_driver.realtime.options import LoopOptions
 from hm_driver.realtime.process import LoopProcess
-from hm_driver.realtime.scheduling import enter_realtime
+from hm_driver.realtime.scheduling import Rung, enter_realtime
 from teaching import kernels
 from teaching.hands.contract import Hand, PersonHand
 from tools.run.demonstrator import build_demonstrator
@@ -91,6 +92,7 @@ def run_real_time(request: TeachRequest, view: View, *, name: str) -> Outcome:
                         handle=(state.measured_x, state.measured_y, state.measured_z),
                     )
                 grid_ns = _first_tick(loop)
+                cpu = _canary_cpu()
                 canary = stack.enter_context(
                     Canary(
                         CanaryOptions(
@@ -98,11 +100,12 @@ def run_real_time(request: TeachRequest, view: View, *, name: str) -> Outcome:
                             start_ns=grid_ns,
                             length=round(_LONGEST_S / TICK_S),
                             priority=_CANARY_PRIORITY,
+                            cpu=cpu,
                         )
                     )
                 )
                 plugs = Plugs(clock=clock, loop=loop, hand=hand, world=world, log=log, view=view)
-                with _punctual():
+                with _punctual(cpu):
                     start_ns = grid_ns + ((time.monotonic_ns() - grid_ns) // TICK_NS + 2) * TICK_NS
                     run_ticks(session, plugs, start_ns=start_ns, epoch_ns=epoch_ns)
                 loop.request_stop()
@@ -147,9 +150,17 @@ def _first_tick(loop: LoopProcess) -> int:
 
 
 @contextlib.contextmanager
-def _punctual() -> Iterator[None]:
-    """Climb the scheduling ladder with the calling thread and keep the garbage collector out of the ticks."""
-    granted = enter_realtime(_PRIORITY)
+def _punctual(cpu: int | None) -> Iterator[None]:
+    """Climb the scheduling ladder with the calling thread and keep the garbage collector out of the ticks.
+
+    The thread stays on the canary's CPU, as a host may stall one and not the other. Afterwards everything is
+    as it was, so that a report is not built at a real-time priority.
+
+    Args:
+        cpu: The canary's CPU; None where threads cannot be pinned.
+    """
+    before = None if cpu is None else os.sched_getaffinity(0)
+    granted = enter_realtime(_PRIORITY, cpu=cpu)
     gc.collect()
     gc.freeze()
     gc.disable()
@@ -159,6 +170,17 @@ def _punctual() -> Iterator[None]:
         gc.enable()
         gc.unfreeze()
         granted.release()
+        if granted.rung is Rung.FIFO:
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        elif granted.rung is Rung.NICE:
+            os.setpriority(os.PRIO_PROCESS, 0, 0)
+        if before is not None:
+            os.sched_setaffinity(0, before)
+
+
+def _canary_cpu() -> int | None:
+    """The last CPU that this process may run on."""
+    return max(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else None
 
 
 def _tick_timing(clock: TickClock, canary: Canary, start_ns: int) -> TickTiming:
