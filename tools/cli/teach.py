@@ -189,7 +189,7 @@ def _print(values: dict[str, Any]) -> None:
 
 
 def _rows(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    yield "updates", f"{values['updates']} of {values['samples']} samples"
+    yield "updates", f"{values['updates']} ({values['samples']} samples)"
     yield "models", f"{values['models']} ({values['models_added']} added, {values['models_pruned']} pruned)"
     yield "coverage", f"{100.0 * values['coverage']:.1f} %"
     yield "session", f"{values['session_s']:.1f} s, of them teaching {values['teaching_s']:.1f} s"
