@@ -8,6 +8,7 @@ from collections.abc import Mapping
 
 from emulator.address import parse_address
 from emulator.device import EmulatedDevice
+from emulator.fault_option import parse_fault_option
 from emulator.faults import FaultInjector, load_schedule
 from emulator.parameters import load_parameters
 from emulator.process import DEFAULT_PORT, EmulatorOptions
@@ -54,10 +55,12 @@ def build_server(options: EmulatorOptions, outbox: Outbox) -> EmulatorServer:
         ConfigurationError: The arm's constants or the faults are wrong.
     """
     parameters = load_parameters(options.config)
+    schedule = [parse_fault_option(text) for text in options.fault]
+    if options.faults is not None:
+        schedule.extend(load_schedule(options.faults))
     device = EmulatedDevice(parameters, seed=options.seed, init_seconds=options.init_seconds)
     faults = FaultInjector(device, seed=options.seed)
-    if options.faults is not None:
-        faults.schedule(load_schedule(options.faults))
+    faults.schedule(schedule)
     return EmulatorServer(
         device,
         faults,

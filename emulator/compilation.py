@@ -18,6 +18,7 @@ from numba.core.registry import CPUDispatcher
 
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "forceinline": True, "_nrt": False}
 """Kernels allocate nothing: inlining without counting references (``_nrt``) halves the cost of a step."""
+_CALLED: dict[str, Any] = _OPTIONS | {"forceinline": False}
 _INNER: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 """What only other kernels call needs no way in from Python: a fifth of the compile time."""
 
@@ -42,6 +43,12 @@ def kernel(function: F) -> F:
     """Compile a function for the kernels that call it."""
     _stamp(function)
     return cast("F", njit(**_OPTIONS, **_INNER)(function))
+
+
+def subroutine(function: F) -> F:
+    """Compile a function that kernels call at many places: it is not copied into each of them."""
+    _stamp(function)
+    return cast("F", njit(**_CALLED, **_INNER)(function))
 
 
 def entry_point(function: F) -> F:

@@ -127,11 +127,17 @@ class EmulatedDevice:
         end = self.step + steps
         while self.step < end:
             until = min(end, self.agenda.next_step)
-            self.step += self.arm.step(until - self.step)
-            if self._outputs[O_GUARD]:
-                self._trip_guard()
+            self.ran_to(self.step + self.arm.step(until - self.step))
             if self.step >= self.agenda.next_step:
                 self.agenda.run_due(self.step)
+
+    def ran_to(self, step: int) -> None:
+        """Note that the arm was run up to a step, at which nothing but a guard's trip can be due."""
+        self.step = step
+        if self._outputs[O_GUARD] and self.machine.happen(
+            Event.GUARD_TRIPPED, self._guards.violation(self._outputs)
+        ):
+            self._changed_state()
 
     def request_state(self, target: State) -> None:
         """Change to a state that a client asks for.
@@ -314,7 +320,3 @@ class EmulatedDevice:
             self._changed_state()
         else:
             self.agenda.enter(self.step + STEP_RATE_HZ // 100, self._end_init, topic="init")
-
-    def _trip_guard(self) -> None:
-        if self.machine.happen(Event.GUARD_TRIPPED, self._guards.violation(self._outputs)):
-            self._changed_state()

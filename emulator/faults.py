@@ -10,9 +10,10 @@ device time::
     duration_s = 1.0    # left out: until it is cleared
 """
 
+import difflib
 import random
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -87,7 +88,7 @@ class Fault:
     def __post_init__(self) -> None:
         kind = KINDS.get(self.kind) if isinstance(self.kind, str) else None
         if kind is None:
-            raise ConfigurationError("fault.kind", f"{self.kind!r} is unknown; accepted: {', '.join(KINDS)}")
+            raise ConfigurationError("fault.kind", _unknown(self.kind, KINDS))
         if not _fits(self.value, kind):
             raise ConfigurationError(
                 "fault.value", f"{self.kind} takes {kind.expected()}, not {self.value!r}"
@@ -173,7 +174,7 @@ class FaultInjector:
             ConfigurationError: No such kind.
         """
         if kind != "all" and kind not in KINDS:
-            raise ConfigurationError("fault.clear", f"{kind!r} is unknown; accepted: all, {', '.join(KINDS)}")
+            raise ConfigurationError("fault.clear", _unknown(kind, ("all", *KINDS)))
         for name in tuple(self._active) if kind == "all" else (kind,):
             if name in self._active:
                 del self._active[name]
@@ -263,6 +264,12 @@ def load_schedule(path: Path) -> tuple[Fault, ...]:
                 f"{error.field} (entry {number})", error.problem, source=str(path)
             ) from error
     return tuple(faults)
+
+
+def _unknown(kind: object, accepted: Collection[str]) -> str:
+    near = difflib.get_close_matches(str(kind), list(accepted), n=1)
+    hint = f"did you mean {near[0]}? " if near else ""
+    return f"{kind!r:.60} is unknown; {hint}accepted: {', '.join(accepted)}"
 
 
 def _fits(value: object, kind: FaultKind) -> bool:

@@ -12,11 +12,16 @@ b'stop;\n'
 """
 
 import time
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
 
 from emulator.device import EmulatedDevice
 from emulator.faults import FaultInjector
 from emulator.interpreter import Interpreter
 from emulator.parameters import ArmParameters, load_parameters
+from emulator.phrases import Book
 from emulator.reply_faults import spoil
 from emulator.world import Truth
 from emulator.world_service import LocalWorld, WorldService
@@ -25,6 +30,30 @@ from hm_driver.protocol.framing import Dialect, RequestDecoder, encode_reply, re
 from hm_driver.protocol.vocabulary import error_reply
 from hm_driver.transport.in_process import InProcessTransport
 from hm_driver.transport.urls import DeviceUrl
+
+
+class Arm(NamedTuple):
+    """Arrays of the arm, as `emulator.kernels.advance` takes them."""
+
+    state: npt.NDArray[np.float64]
+    params: npt.NDArray[np.float64]
+    effects: npt.NDArray[np.float64]
+    active: npt.NDArray[np.int64]
+    outputs: npt.NDArray[np.float64]
+
+
+class Inside(NamedTuple):
+    """What a compiled client needs to run and ask the emulator without Python; good until Python has it."""
+
+    arm: Arm
+    active_effects: int
+    """How many entries of ``arm.active`` count."""
+    book: Book
+    """The requests that `emulator.phrases.answer` carries out."""
+    next_step: int
+    """Step at which something is due that only Python does."""
+    is_plain: bool
+    """Whether every request gets its reply, at once and whole."""
 
 
 class LockstepEmulator:
@@ -50,6 +79,8 @@ class LockstepEmulator:
         self.world = LocalWorld(self._service)
         """The hand's way to the arm; the same methods as `emulator.world.WorldClient`."""
         self._link = self.faults.link
+        arm = self.device.arm
+        self._arm = Arm(arm.state, arm.params, arm.effects.flat, arm.effects.active, arm.outputs)
         self._decoder = RequestDecoder()
         self._is_between_requests = True
 
@@ -66,6 +97,21 @@ class LockstepEmulator:
     def advance_to_ns(self, time_ns: int) -> None:
         """Let time pass until `time_ns` after the start [ns]: floor(t * 2500) steps in all."""
         self._service.advance_to_ns(time_ns)
+
+    def inside(self) -> Inside:
+        """The emulator as a kernel sees it; `ran_to` tells what was done with it."""
+        return Inside(
+            self._arm,
+            self.device.arm.effects.n_active,
+            self._interpreter.phrases.book(),
+            self.device.agenda.next_step,
+            self._is_between_requests and not self._link.is_active,
+        )
+
+    def ran_to(self, step: int, requests: int) -> None:
+        """Note that a kernel ran the arm up to a step, and answered so many requests."""
+        self.device.ran_to(step)
+        self._interpreter.answered += requests
 
     def truth(self) -> Truth:
         """What is true now."""

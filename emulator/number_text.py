@@ -10,7 +10,7 @@ import math
 from types import FunctionType
 from typing import Protocol
 
-from emulator.compilation import kernel
+from emulator.compilation import subroutine
 from hm_driver.protocol import numbers
 
 SIGNIFICANT_DIGITS = numbers.SIGNIFICANT_DIGITS
@@ -43,10 +43,10 @@ class Text(Protocol):
         ...
 
 
-round_wire = kernel(FunctionType(numbers.round_wire.__code__, vars(numbers), "round_wire"))
+round_wire = subroutine(FunctionType(numbers.round_wire.__code__, vars(numbers), "round_wire"))
 
 
-@kernel
+@subroutine
 def scale(x: float, exponent: int) -> float:
     """X times ten to the exponent; exact powers of ten, so that each of the few steps rounds once."""
     while exponent > 0:
@@ -60,7 +60,7 @@ def scale(x: float, exponent: int) -> float:
     return x
 
 
-@kernel
+@subroutine
 def write_digits(text: Text, at: int, digits: int, count: int, whole: int) -> int:
     """Write ``count`` digits with a point behind the first ``whole``; returns where the text goes on."""
     has_point = 1 if whole < count else 0
@@ -72,7 +72,7 @@ def write_digits(text: Text, at: int, digits: int, count: int, whole: int) -> in
     return at + count + has_point
 
 
-@kernel
+@subroutine
 def write_unusual(text: Text, at: int, x: float) -> int:
     """Write zero, an infinity or NaN, whose sign stands already."""
     if x == 0.0:
@@ -85,7 +85,7 @@ def write_unusual(text: Text, at: int, x: float) -> int:
     return at + 3
 
 
-@kernel
+@subroutine
 def write_number(text: Text, at: int, x: float) -> int:
     """Write a number as ``%g`` does, at most `LONGEST_NUMBER` bytes; returns where the text goes on."""
     if math.copysign(1.0, x) < 0.0 and x == x:  # NaN has no sign
@@ -125,7 +125,7 @@ def write_number(text: Text, at: int, x: float) -> int:
     return write_digits(text, at, digits, count, exponent + 1)
 
 
-@kernel
+@subroutine
 def read_number(text: Text, at: int) -> tuple[float, int]:
     """Read a decimal number, blanks before it left out.
 

@@ -58,6 +58,8 @@ class EmulatorOptions:
     """Time passes only on request of the world endpoint."""
     faults: Path | None = None
     """Schedule of faults."""
+    fault: tuple[str, ...] = ()
+    """More faults, each as ``KIND[=VALUE][@START][+DURATION]``."""
     log: Path | None = None
     """File that the conversation is written to, a JSON object a line."""
     realtime: bool = True
@@ -90,6 +92,7 @@ class EmulatorOptions:
         values = json.loads(line)
         for name in ("config", "faults", "log"):
             values[name] = None if values[name] is None else Path(values[name])
+        values["fault"] = tuple(values["fault"])
         return cls(**values)
 
 

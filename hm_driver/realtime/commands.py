@@ -15,6 +15,20 @@ from hm_driver.realtime.options import BIAS_NAME, SPRING_NAMES
 
 _AXIS_VALUES = ("[%s,0,0]", "[0,%s,0]", "[0,0,%s]", "[0,0,%s]")
 
+SPRING_COMMANDS = tuple(
+    (
+        f"set {name} pos {value}",
+        f"set {name} vel {value}",
+        f"set {name} maxforce %s",
+        f"set {name} enable",
+        f"set {name} disable",
+    )
+    for name, value in zip(SPRING_NAMES, _AXIS_VALUES, strict=True)
+)
+"""For each spring: what sets its reference, the reference's velocity and the cap, enables and disables it."""
+BIAS_COMMAND = f"set {BIAS_NAME} force [%g,%g,%g]"
+"""What sets the bias force."""
+
 
 class EffectCommands:
     """Turns the state of the springs and the bias force into the commands of one cycle.
@@ -26,21 +40,25 @@ class EffectCommands:
     __slots__ = ("_bias", "_enabled", "_sent", "_sets", "_texts")
 
     def __init__(self) -> None:
-        self._sets = tuple(
-            (
-                f"set {name} pos {value}",
-                f"set {name} vel {value}",
-                f"set {name} maxforce %s",
-                f"set {name} enable",
-                f"set {name} disable",
-            )
-            for name, value in zip(SPRING_NAMES, _AXIS_VALUES, strict=True)
-        )
+        self._sets = SPRING_COMMANDS
         nothing = float("nan")
         self._sent = [nothing] * (SPRINGS * SPRING_STRIDE)
         self._texts = [""] * (SPRINGS * SPRING_STRIDE)
         self._enabled = [False] * SPRINGS
         self._bias = (0.0, 0.0, 0.0)
+
+    def resume(self, told: list[float], enabled: list[bool], bias: tuple[float, float, float]) -> None:
+        """Go on from what the device was told by others.
+
+        Args:
+            told: As the springs' part of the state; NaN for nothing.
+            enabled: Which springs are enabled.
+            bias: The bias force [N].
+        """
+        self._sent[:] = told
+        self._texts[:] = ["%g" % value for value in told]  # noqa: UP031  # as below
+        self._enabled[:] = enabled
+        self._bias = bias
 
     def changes(self, s: list[float]) -> list[str]:
         """Commands that bring the device from what it was told last to the state ``s`` of the cycle."""
@@ -56,7 +74,7 @@ class EffectCommands:
         bias = (s[S_BIAS], s[S_BIAS + 1], s[S_BIAS + 2])
         if bias != self._bias:
             self._bias = bias
-            changes.append("set %s force [%g,%g,%g]" % (BIAS_NAME, *bias))  # noqa: UP031  # %g is the wire's
+            changes.append(BIAS_COMMAND % bias)  # as %g is the wire's
         return changes
 
     def _move(self, spring: int, s: list[float], base: int, changes: list[str]) -> None:
@@ -66,7 +84,7 @@ class EffectCommands:
             value = s[at]
             if value != sent[at]:
                 sent[at] = value
-                text = "%g" % value  # noqa: UP031  # as above
+                text = "%g" % value  # noqa: UP031  # the wire's
                 if text != texts[at]:
                     texts[at] = text
                     changes.append(sets[index] % text)

@@ -9,6 +9,7 @@ from typing import Protocol
 
 from hm_driver.errors import DeviceError, HapticMasterError, ProtocolError, TransportError
 from hm_driver.realtime import cycle
+from hm_driver.realtime.checkpoint import Checkpoint
 from hm_driver.realtime.clock import Clock
 from hm_driver.realtime.commands import EffectCommands
 from hm_driver.realtime.grid import Grid
@@ -26,7 +27,8 @@ __all__ = ["CycleFunction", "LoopCore", "Recording"]
 _STOP_REQUESTED = int(Word.STOP_REQUESTED)
 _APP_HEARTBEAT = int(Word.APP_HEARTBEAT_NS)
 _LOOP_HEARTBEAT = int(Word.LOOP_HEARTBEAT_NS)
-_STATE_EVERY_S = 0.02
+STATE_EVERY_S = 0.02
+"""How often the device is asked for its state [s]."""
 _LIMITS = {
     cycle.TRIP_DATA: (Trip.DATA, "the device sent a number that is not finite"),
     cycle.TRIP_WORKSPACE: (Trip.WORKSPACE, "a joint is beyond its end stop and the margin"),
@@ -106,7 +108,7 @@ class LoopCore:
         self._last_good = [0.0] * cycle.MEASUREMENT_SIZE
         self._commands = EffectCommands()
         self._changes: list[str] = []
-        self._state_every = max(1, round(_STATE_EVERY_S * 1e9 / grid.period_ns))
+        self._state_every = max(1, round(STATE_EVERY_S * 1e9 / grid.period_ns))
         self._stale_limit = int(watch.stale_s * 1e9 / grid.period_ns)
         self._stale_cycles = 0
         self._ramp_end_ns: int | None = None
@@ -128,6 +130,19 @@ class LoopCore:
     def forces(self) -> tuple[float, ...]:
         """Commanded forces of the springs x, y, z and of the assist [N]."""
         return tuple(self._s[cycle.S_FORCE : cycle.S_FORCE + cycle.SPRINGS])
+
+    def resume(self, checkpoint: Checkpoint) -> None:
+        """Go on where another loop on the same grid and segment stands; before the first cycle."""
+        self._s[:] = checkpoint.state
+        self._u[:] = checkpoint.set_point
+        self._m[:] = self._last_good[:] = checkpoint.measurement
+        self._changes = checkpoint.changes
+        self._commands.resume(checkpoint.told, checkpoint.enabled, checkpoint.bias)
+        self._exchange.requests = checkpoint.cycles
+        self._grid.resume(checkpoint.cycles)
+        self._surroundings = Surroundings(
+            self._grid, self._watch, beat=checkpoint.heartbeat, silence_ns=checkpoint.silence_ns
+        )
 
     def run_cycle(self) -> bool:
         """Wait for the next deadline and run its cycle.

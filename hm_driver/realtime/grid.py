@@ -128,6 +128,18 @@ class Grid:
         """Deadlines passed so far; cycles + missed by construction."""
         return self.index + 1 - self._first
 
+    def resume(self, cycles: int) -> None:
+        """Go on behind a loop that ran so many cycles from a ``start_ns`` on and missed none.
+
+        Raises:
+            ValueError: The grid has no ``start_ns``.
+        """
+        if self._start_ns is None:
+            raise ValueError("only a grid with a start can be resumed")
+        self.cycles = cycles
+        self.index = self._first + cycles - 1
+        self.wake_ns = self.deadline_ns = self._start_ns + self.index * self.period_ns
+
     def wait(self) -> int:
         """Wait for the next deadline; returns the number of periods that had to be skipped."""
         clock = self._clock

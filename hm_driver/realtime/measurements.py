@@ -10,6 +10,8 @@ QUESTIONS = ("get measpos", "get modelvel", "get measforce")
 """What is asked in each cycle, in the order of the cycle function's measurement. The springs act on the
 virtual mass, whose velocity is known exactly; the measured one is the noisy difference of encoder counts."""
 STATE_QUESTION = "get state"
+TAILS = ("; ".join(QUESTIONS) + "\n", "; ".join((*QUESTIONS, STATE_QUESTION)) + "\n")
+"""How each combined request ends: without and with the question for the state."""
 _ERROR_MARK = ERROR_MARK.encode()
 
 
@@ -59,12 +61,11 @@ class Exchange:
         link: Connection of the loop.
     """
 
-    __slots__ = ("_is_combined", "_link", "_tails", "requests", "state")
+    __slots__ = ("_is_combined", "_link", "requests", "state")
 
     def __init__(self, link: CycleLink) -> None:
         self._link = link
         self._is_combined = link.combined
-        self._tails = ("; ".join(QUESTIONS) + "\n", "; ".join((*QUESTIONS, STATE_QUESTION)) + "\n")
         self.requests = 0
         """Requests sent so far."""
         self.state = ""
@@ -86,7 +87,7 @@ class Exchange:
         if not self._is_combined:
             self._run_one_by_one(changes, measurement, ask_state=ask_state)
             return
-        tail = self._tails[ask_state]
+        tail = TAILS[ask_state]
         line = f"{'; '.join(changes)}; {tail}".encode() if changes else tail.encode()
         self.requests += 1
         reply = self._link.exchange_line(line)

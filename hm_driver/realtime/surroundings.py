@@ -17,16 +17,17 @@ class Surroundings:
     Args:
         grid: The deadlines.
         watch: The limits.
-        beat: The application's heartbeat before its first sign of life.
+        beat: The application's heartbeat, as last seen.
+        silence_ns: Time since it changed [ns]; negative before the first sign of life.
     """
 
     __slots__ = ("_beat", "_beat_limit_ns", "_grid", "_missed", "_missed_limit", "_silence_ns")
 
-    def __init__(self, grid: Grid, watch: WatchOptions, *, beat: int) -> None:
+    def __init__(self, grid: Grid, watch: WatchOptions, *, beat: int, silence_ns: int = -1) -> None:
         self._grid = grid
         self._beat = beat
         self._beat_limit_ns = int(watch.heartbeat_s * 1e9)
-        self._silence_ns = -1
+        self._silence_ns = silence_ns
         self._missed = 0.0
         self._missed_limit = watch.missed_s * 1e9 / grid.period_ns
 

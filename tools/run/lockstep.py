@@ -2,7 +2,7 @@
 
 from emulator.in_process import LockstepEmulator
 from hm_driver.device.link import CommandLink
-from hm_driver.errors import SafetyTrip
+from hm_driver.errors import HapticMasterError, SafetyTrip
 from hm_driver.protocol.framing import Dialect
 from hm_driver.realtime import bring_up
 from hm_driver.realtime.clock import VirtualClock
@@ -13,7 +13,7 @@ from hm_driver.realtime.segment import Segment, Trip, Word
 from hm_driver.realtime.setpoint import LoopState, SetPoint
 from hm_driver.transport.in_process import InProcessTransport
 from teaching.hands.contract import Hand
-from tools.run.compiled_cycle import CompiledCycle
+from tools.run.compiled_loop import CompiledLoop
 from tools.run.demonstrator import build_demonstrator
 from tools.run.hands import EmulatedWorld
 from tools.run.log import SessionLog
@@ -27,19 +27,55 @@ EPOCH_NS = 1_577_836_800_000_000_000
 _INIT_S = 1.0
 
 
+class AnsweredLink:
+    """The loop's connection, over which the request of a cycle may have been answered before.
+
+    Args:
+        link: The connection.
+        reply: What it made of the first line that is going to be sent; None where that is still to be sent.
+    """
+
+    def __init__(self, link: CommandLink, reply: bytes | HapticMasterError | None) -> None:
+        self._link = link
+        self._reply = reply
+        self.combined = link.combined
+
+    def exchange(self, request: str) -> str:
+        """As `CommandLink.exchange`."""
+        return self._link.exchange(request)
+
+    def exchange_line(self, line: bytes) -> bytes:
+        """As `CommandLink.exchange_line`."""
+        reply, self._reply = self._reply, None
+        if reply is None:
+            return self._link.exchange_line(line)
+        if isinstance(reply, HapticMasterError):
+            raise reply
+        return reply
+
+
 class LockstepLoop:
-    """The driver's loop, run cycle by cycle whenever the session waits.
+    """The driver's loop, run whenever the session waits: compiled as long as nothing unusual happens.
 
     Args:
         options: The loop's options.
         emulator: The device.
         recording: Where the cycles' records go.
+        is_compiled: False runs every cycle interpreted, with the same result.
     """
 
-    def __init__(self, options: LoopOptions, emulator: LockstepEmulator, recording: Recording) -> None:
+    def __init__(
+        self,
+        options: LoopOptions,
+        emulator: LockstepEmulator,
+        recording: Recording,
+        *,
+        is_compiled: bool = True,
+    ) -> None:
         self._clock = VirtualClock()
         self._clock.on_advance(emulator.advance_to_ns)
         self._segment = Segment.in_memory()
+        self._options = options
         self._period_ns = period_ns_of(options.timing.rate_hz)
         link = CommandLink(InProcessTransport(emulator), Dialect.TEXT)
         self._link = link
@@ -48,18 +84,22 @@ class LockstepLoop:
         bring_up.enter_session(link, options)
         self.start_ns = (self._clock.now_ns() // 10_000_000 + 1) * 10_000_000
         """Deadline of the first cycle and of the first tick on the virtual clock [ns]."""
-        self._core = LoopCore(
+        self._next_ns = self.start_ns
+        self._recording = recording._replace(epoch_ns=EPOCH_NS - self.start_ns)
+        self._core: LoopCore | None = None
+        self._compiled = CompiledLoop(
             link,
-            Grid(self._clock, self._period_ns, start_ns=self.start_ns),
+            emulator,
             self._clock,
             self._segment,
+            start_ns=self.start_ns,
+            period_ns=self._period_ns,
             parameters=options.parameters(),
             watch=options.watch,
-            recording=recording._replace(epoch_ns=EPOCH_NS - self.start_ns),
-            step=CompiledCycle(),
-            keeps_timing=False,
+            recording=self._recording,
         )
-        self._next_ns = self.start_ns
+        if not is_compiled or options.watch.stale_s or not link.combined:
+            self._interpret()
 
     def now_ns(self) -> int:
         """The virtual time [ns]."""
@@ -67,7 +107,12 @@ class LockstepLoop:
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
         """Run the cycles up to and with the one at the deadline [ns]."""
-        while self._next_ns <= deadline_ns and self._core.run_cycle():
+        if self._core is None:
+            cycles = (deadline_ns - self.start_ns) // self._period_ns + 1
+            if self._compiled.run_to(cycles):
+                return
+        core = self._interpret()
+        while self._next_ns <= deadline_ns and core.run_cycle():
             self._next_ns += self._period_ns
 
     def spin_until_ns(self, deadline_ns: int) -> int:
@@ -96,16 +141,41 @@ class LockstepLoop:
     def stop(self) -> None:
         """Release the springs and stop the device."""
         try:
-            self._core.stop()
-            while self._core.run_cycle():
+            core = self._interpret()
+            core.stop()
+            while core.run_cycle():
                 pass
         finally:
             bring_up.make_safe(self._link)
             bring_up.clear(self._link)
 
+    def _interpret(self) -> LoopCore:
+        """The interpreted loop, which goes on for good where the compiled one stands."""
+        if self._core is None:
+            options, compiled = self._options, self._compiled
+            self._core = LoopCore(
+                AnsweredLink(self._link, compiled.reply),
+                Grid(self._clock, self._period_ns, start_ns=self.start_ns),
+                self._clock,
+                self._segment,
+                parameters=options.parameters(),
+                watch=options.watch,
+                recording=self._recording,
+                keeps_timing=False,
+            )
+            self._core.resume(compiled.checkpoint())
+            self._next_ns += compiled.cycles * self._period_ns
+        return self._core
 
-def run_lockstep(request: TeachRequest, view: View, *, name: str) -> Outcome:
+
+def run_lockstep(request: TeachRequest, view: View, *, name: str, is_compiled: bool = True) -> Outcome:
     """Run a session as fast as it goes; the same seed gives the same log, message for message.
+
+    Args:
+        request: The session.
+        view: Who watches it.
+        name: Name of the log, without suffix.
+        is_compiled: False runs the loop interpreted, with the same result.
 
     Raises:
         SafetyTrip: A limit tripped; the log is complete up to there.
@@ -128,7 +198,7 @@ def run_lockstep(request: TeachRequest, view: View, *, name: str) -> Outcome:
                 tick_s=TICK_S,
                 init_timeout_s=options.init_timeout_s,
             )
-            loop = LockstepLoop(loop_options, emulator, Recording(recording.ring, 0))
+            loop = LockstepLoop(loop_options, emulator, Recording(recording.ring, 0), is_compiled=is_compiled)
             world = EmulatedWorld(emulator.world)
             hand: Hand = build_demonstrator(
                 request.task, options.demonstrator, hand_rng, handle=emulator.truth().position
