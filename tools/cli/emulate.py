@@ -22,6 +22,7 @@ def emulate(
     speed: float = 1.0,
     init_seconds: float = 3.0,
     on_client_lost: Literal["continue", "stop"] = "continue",
+    fault: tuple[str, ...] = (),
     faults: Path | None = None,
     log: Path | None = None,
     lockstep: Annotated[bool, _SWITCH] = False,
@@ -41,7 +42,10 @@ def emulate(
         speed: Device seconds a wall second, 0.001 to 100.
         init_seconds: Time that state init takes [s].
         on_client_lost: What the arm does when a client that commanded is gone.
-        faults: TOML file with a schedule of faults, see emulator/faults.py.
+        fault: A fault, KIND[=VALUE][@START][+DURATION]: the device time at which it begins [s], at once if
+            left out, and how long it lasts [s], to the end if left out; reply_delay=0.02@5+1 delays replies
+            by 20 ms from 5 s to 6 s. May be given again. docs/emulator.md lists the kinds.
+        faults: TOML file with a schedule of faults, see docs/emulator.md.
         log: File for the conversation, one JSON object a line.
         lockstep: Let time pass only on request of the world endpoint.
         quiet: No status lines.
@@ -56,6 +60,7 @@ def emulate(
         speed=speed,
         init_seconds=init_seconds,
         on_client_lost=on_client_lost,
+        fault=fault,
         faults=faults,
         log=log,
         lockstep=lockstep,
