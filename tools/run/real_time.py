@@ -33,6 +33,9 @@ _TICK_PHASE_NS = 500_000
 """Ticks stand in the middle between two cycles of a loop at 1 kHz, so that they meet the newest state."""
 
 
+_OWN_EMULATOR = {"missed_s": 0.0, "freeze_s": 2.0, "heartbeat_s": 2.0, "exchange_timeout_s": 2.0}
+
+
 class TickClock(WallClock):
     """The wall clock, with a record of how late the ticks woke up."""
 
@@ -125,8 +128,8 @@ def run_real_time(request: TeachRequest, view: View, *, name: str) -> Outcome:
 def _loop_options(request: TeachRequest, device: str, ring: str, epoch_ns: int) -> LoopOptions:
     """Options of the loop.
 
-    With an emulator of its own, on a machine that may be shared and slow, a session only counts its missed
-    periods; with any device that the user names, too many of them stop the arm.
+    With an emulator of its own, on a machine that may be shared and stall, a session only counts its missed
+    periods and is patient with silence. For any device that the user names the limits are the configured ones.
     """
     options = request.options
     return LoopOptions(
@@ -135,7 +138,7 @@ def _loop_options(request: TeachRequest, device: str, ring: str, epoch_ns: int) 
         limits=options.limits,
         geometry=options.geometry,
         timing=options.timing,
-        watch=options.watch if request.device else replace(options.watch, missed_s=0.0),
+        watch=options.watch if request.device else replace(options.watch, **_OWN_EMULATOR),
         tick_s=TICK_S,
         init_timeout_s=options.init_timeout_s,
         ring=ring,
