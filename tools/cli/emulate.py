@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from tools.cli.console import tell, write
 from tools.cli.failures import ExitCode
 
-_SWITCH = Parameter(negative="")
+_NO_NEGATIVE = Parameter(negative="")
 
 
 def emulate(
@@ -22,11 +22,11 @@ def emulate(
     speed: float = 1.0,
     init_seconds: float = 3.0,
     on_client_lost: Literal["continue", "stop"] = "continue",
-    fault: tuple[str, ...] = (),
+    fault: Annotated[tuple[str, ...], _NO_NEGATIVE] = (),
     faults: Path | None = None,
     log: Path | None = None,
-    lockstep: Annotated[bool, _SWITCH] = False,
-    quiet: Annotated[bool, _SWITCH] = False,
+    lockstep: Annotated[bool, _NO_NEGATIVE] = False,
+    quiet: Annotated[bool, _NO_NEGATIVE] = False,
 ) -> int:
     """Be a HapticMASTER: programs that talk to the robot can talk to this instead.
 
