@@ -58,12 +58,13 @@ def teach(
     for warning in request.options.warnings():
         tell(f"note: {warning}")
     outcome = _run(request, fast=fast)
+    ran_s = time.monotonic() - began
     summary, report = _report(outcome)
     values = _table(summary, outcome, seed=seed, report=report, wall_s=time.monotonic() - began)
     if json:
         write_json(values)
     else:
-        _print(values)
+        _print(values, ran_s=ran_s)
     return ExitCode.OK
 
 
@@ -182,8 +183,10 @@ def _table(
     }
 
 
-def _print(values: dict[str, Any]) -> None:
-    write_table(_rows(values))
+def _print(values: dict[str, Any], *, ran_s: float) -> None:
+    speed = values["session_s"] / ran_s
+    took = f"{ran_s:.1f} s, {speed:.1f} times real time; {values['wall_s'] - ran_s:.1f} s for the report"
+    write_table([*_rows(values), ("took", took)])
     write(f"log     {values['log']}")
     write(f"report  {values['report']}")
 
@@ -214,7 +217,6 @@ def _rows(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
                 f"{values['ticks']['missed']} missed"
             ),
         )
-    yield "took", f"{values['wall_s']:.1f} s, {values['session_s'] / values['wall_s']:.1f} times real time"
 
 
 def _newton(value: float | None) -> str:

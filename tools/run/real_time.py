@@ -129,7 +129,7 @@ def _loop_options(request: TeachRequest, device: str, ring: str, epoch_ns: int) 
     """Options of the loop.
 
     With an emulator of its own, on a machine that may be shared and stall, a session only counts its missed
-    periods and is patient with silence. For any device that the user names the limits are the configured ones.
+    periods and is patient with silence. For a device that the user names the limits are those configured.
     """
     options = request.options
     return LoopOptions(
