@@ -1,0 +1,1 @@
+"""Measurements of the emulator for people; nothing here is a test that could fail."""
