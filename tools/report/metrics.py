@@ -167,7 +167,7 @@ def force_change(cycles: Cycles, modes: ModeOptions) -> float:
     stiffness = modes.position_stiffness
     damping = modes.damping(stiffness, modes.position_damping_ratio)
     is_engaged = (cycles.phase_z[1:] == 1.0) & (cycles.phase_z[:-1] == 1.0)
-    dt = np.diff(cycles.time_s)
+    dt = cycles.dt_s[1:]
     slip = cycles.reference_velocity_z[1:] - cycles.velocity_z[1:]
     going_on = damping * np.diff(cycles.reference_velocity_z)
     change = np.minimum(np.abs(stiffness * slip * dt + going_on), np.abs(going_on))

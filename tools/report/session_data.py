@@ -47,7 +47,7 @@ WANTED: dict[str, tuple[str, ...]] = {
         *("sequence", "reference.z", "reference_velocity.z", "phase.z", "assist_reference"),
         *("spring_force.z", "assist_force"),
     ),
-    TIMING_TOPIC: ("lateness_ns", "exchange_ns", "missed_periods", "saturated_cycles"),
+    TIMING_TOPIC: ("sequence", "lateness_ns", "exchange_ns", "missed_periods", "saturated_cycles", "dt_s"),
     EVENTS_TOPIC: ("time_ns", "level", "name", "text"),
 }
 """Every topic and column that the report reads."""
@@ -111,6 +111,8 @@ class Cycles:
 
     time_s: FloatArray
     """Time since the first tick [s]."""
+    dt_s: FloatArray
+    """True time step of the cycle [s]."""
     x: FloatArray
     """Position of the handle, frame of the device [m]."""
     y: FloatArray
@@ -229,7 +231,9 @@ def _load(log: Recording) -> SessionData:
         w_th=float(config.get("arbitration", {}).get("w_th", 0.5)),
         ticks=_ticks(arbitration, start_ns),
         skills=_skills(_table(tables, LEARNER_TOPIC), start_ns),
-        cycles=_cycles(_table(tables, STATE_TOPIC), _table(tables, COMMAND_TOPIC), start_ns),
+        cycles=_cycles(
+            _table(tables, STATE_TOPIC), _table(tables, COMMAND_TOPIC), _table(tables, TIMING_TOPIC), start_ns
+        ),
         timing=_timing(_table(tables, TIMING_TOPIC)),
         events=_events(_table(tables, EVENTS_TOPIC), start_ns),
     )
@@ -304,10 +308,18 @@ def _skills(columns: Mapping[str, NDArray[Any]], start_ns: int) -> tuple[Skill, 
     )
 
 
-def _cycles(state: Mapping[str, NDArray[Any]], command: Mapping[str, NDArray[Any]], start_ns: int) -> Cycles:
-    _, mine, its = np.intersect1d(state["sequence"], command["sequence"], return_indices=True)
+def _cycles(
+    state: Mapping[str, NDArray[Any]],
+    command: Mapping[str, NDArray[Any]],
+    timing: Mapping[str, NDArray[Any]],
+    start_ns: int,
+) -> Cycles:
+    """The cycles of which all three messages are there."""
+    numbers = np.intersect1d(np.intersect1d(state["sequence"], command["sequence"]), timing["sequence"])
+    mine, its, when = (np.searchsorted(table["sequence"], numbers) for table in (state, command, timing))
     return Cycles(
         time_s=_seconds(state["time_ns"], start_ns)[mine],
+        dt_s=timing["dt_s"][when],
         x=state["measured_position.x"][mine],
         y=state["measured_position.y"][mine],
         z=state["measured_position.z"][mine],
