@@ -2,13 +2,17 @@
 
 import sys
 from collections.abc import Mapping
+from contextlib import nullcontext
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 from tools.cli.console import tell, write
 from tools.cli.failures import ExitCode
+
+if TYPE_CHECKING:
+    from emulator.canary import Canary
 
 _NO_NEGATIVE = Parameter(negative="")
 
@@ -25,6 +29,7 @@ def emulate(
     fault: Annotated[tuple[str, ...], _NO_NEGATIVE] = (),
     faults: Path | None = None,
     log: Path | None = None,
+    canary: Annotated[bool, _NO_NEGATIVE] = False,
     lockstep: Annotated[bool, _NO_NEGATIVE] = False,
     quiet: Annotated[bool, _NO_NEGATIVE] = False,
 ) -> int:
@@ -47,9 +52,12 @@ def emulate(
             by 20 ms from 5 s to 6 s. May be given again. docs/emulator.md lists the kinds.
         faults: TOML file with a schedule of faults, see docs/emulator.md.
         log: File for the conversation, one JSON object a line.
+        canary: Run a process beside the emulator that only sleeps from period to period, and tell in the
+            status line how many periods it missed: those are the machine's. Takes a share of a core.
         lockstep: Let time pass only on request of the world endpoint.
         quiet: No status lines.
     """
+    from emulator.canary import Canary
     from emulator.process import Emulator, EmulatorOptions
 
     options = EmulatorOptions(
@@ -66,8 +74,17 @@ def emulate(
         lockstep=lockstep,
     )
     tell("starting; the first start compiles the arm's model, which takes up to half a minute")
+    beside = Canary() if canary else None
+
+    def tell_status(message: Mapping[str, Any]) -> None:
+        if "status" in message:
+            _tell_status(message["status"], beside)
+
     try:
-        with Emulator(options, on_message=None if quiet else _tell_status) as emulator:
+        with (
+            Emulator(options, on_message=None if quiet else tell_status) as emulator,
+            beside or nullcontext(),
+        ):
             write(emulator.url)
             write(emulator.world_url)
             sys.stdout.flush()
@@ -83,14 +100,14 @@ def emulate(
     return ExitCode.OK
 
 
-def _tell_status(message: Mapping[str, Any]) -> None:
-    if "status" not in message:
-        return
-    status = message["status"]
+def _tell_status(status: Mapping[str, Any], canary: "Canary | None") -> None:
     clients = "1 client" if status["clients"] == 1 else f"{status['clients']} clients"
+    missed = f"{status['missed']} missed periods"
+    if canary is not None:
+        missed += f" (canary {canary.missed})"
     line = (
         f"{status['time_s']:10.1f} s  {status['state']:8}  {clients}  {status['requests']} requests  "
-        f"{status['refused']} refused  {status['missed']} missed periods  load {100.0 * status['load']:.0f} %"
+        f"{status['refused']} refused  {missed}  load {100.0 * status['load']:.0f} %"
     )
     if sys.stderr.isatty():
         sys.stderr.write(f"\r{line}\x1b[K")
