@@ -1,7 +1,7 @@
 """How stiff a wall or a hand may be before the emulated arm shakes: the Z-width, by bisection.
 
 A hand presses the handle against a flat plane and the arm runs for four seconds. It is *stable* if in the
-last half second the handle moves by less than `SWING_M`, or by clearly less than a second before. Friction of the
+last half second the handle moves by less than `SWING_M`, or by less than a second before. Friction of the
 joints may keep a stable hand moving by half of that; an unstable one shakes by tens of millimetres. All is
 computed on the compiled model, with sensors without noise, so that the same numbers come out every time.
 """
