@@ -45,6 +45,12 @@ def kernel(function: F) -> F:
     return cast("F", njit(**_OPTIONS, **_INNER)(function))
 
 
+def part(function: F) -> F:
+    """Make a function a part of the one kernel that calls it: it is compiled there, and not by itself."""
+    _stamp(function)
+    return cast("F", njit(inline="always", **_OPTIONS, **_INNER)(function))
+
+
 def subroutine(function: F) -> F:
     """Compile a function that kernels call at many places: it is not copied into each of them."""
     _stamp(function)

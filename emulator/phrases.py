@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from emulator.compilation import Indices, Numbers, kernel
+from emulator.compilation import Indices, Numbers, kernel, part
 from emulator.device import EmulatedDevice
 from emulator.layout import E_BIAS, E_MAX_FORCE, E_POSITION, E_SIZE, E_VELOCITY
 from emulator.number_text import LONGEST_NUMBER, Text, read_number, write_number
@@ -126,7 +126,7 @@ def tell_vector(reply: Text, at: int, outputs: Numbers, place: int) -> int:
     return at + 1
 
 
-@kernel
+@part
 def answer(
     line: Text,
     size: int,

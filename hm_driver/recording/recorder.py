@@ -82,11 +82,35 @@ class RecorderProcess:
         Raises:
             RecordingError: if the file cannot be made, a ring not be opened, or the process does not come up.
         """
+        self.launch()
+        self.wait_until_open(timeout_s)
+
+    def launch(self) -> None:
+        """Start the process and return at once: what is written into the rings waits for it.
+
+        Raises:
+            RecordingError: if it was started already.
+        """
         if self._process is not None:
             raise RecordingError("the recorder was started already")
-        self._launch(timeout_s)
+        self._launch()
 
-    def _launch(self, timeout_s: float) -> None:
+    def wait_until_open(self, timeout_s: float = 20.0) -> None:
+        """Wait until the file is open; raises as `start` does."""
+        link = self._link
+        if link is None:
+            raise RecordingError("the recorder is not running")
+        try:
+            answer = link.recv() if link.poll(timeout_s) else None
+        except EOFError:
+            answer = None
+        if not isinstance(answer, RecorderStatus) or answer.problem:
+            self.close()
+            reason = answer.problem if answer else f"it did not come up within {timeout_s:g} s"
+            raise RecordingError(f"the recorder could not start: {reason}")
+        self._status = answer
+
+    def _launch(self) -> None:
         self._parts += 1
         path = self._job.path
         if self._parts > 1:
@@ -100,15 +124,6 @@ class RecorderProcess:
         other.close()
         self._process, self._link, self._is_asked = process, link, False
         self._status = RecorderStatus(path=path)
-        try:
-            answer = link.recv() if link.poll(timeout_s) else None
-        except EOFError:
-            answer = None
-        if not isinstance(answer, RecorderStatus) or answer.problem:
-            self.close()
-            reason = answer.problem if answer else f"it did not come up within {timeout_s:g} s"
-            raise RecordingError(f"the recorder could not start: {reason}")
-        self._status = answer
 
     def status(self) -> RecorderStatus:
         """The last that the recorder told; asks for news without waiting for them."""
@@ -131,7 +146,8 @@ class RecorderProcess:
         if self._process is None or self._process.is_alive():
             return False
         self.close()
-        self._launch(timeout_s)
+        self._launch()
+        self.wait_until_open(timeout_s)
         return True
 
     def stop(self, timeout_s: float = 60.0) -> RecorderStatus:

@@ -157,7 +157,7 @@ class Ring:
         """Show the reserved record to the reader."""
         self._words[_HEAD] = self._head = self._next
 
-    def write(self, channel: int, log_time_ns: int, payload: bytes, flags: int = 0) -> bool:
+    def write(self, channel: int, log_time_ns: int, payload: bytes | memoryview, flags: int = 0) -> bool:
         """Write a record; returns False where it was dropped, and raises as `reserve` does."""
         size = len(payload)
         offset = self.reserve(channel, log_time_ns, size, flags)
@@ -179,13 +179,23 @@ class Ring:
             payloads: The payloads, one behind the other.
             size: Size of each [B].
         """
-        data = self.data
+        data, head, capacity = self.data, self._head, self._capacity
+        place, needed = head % capacity, (size + 31) & ~7
+        end = head + len(payloads) // size * needed
+        if place + end - head > capacity or (end - self._tail > capacity and not self._has_room(end)):
+            for start in range(0, len(payloads), size):  # around the end of the memory, or with records lost
+                self.write(channel, log_time_ns, payloads[start : start + size])
+                log_time_ns += step_ns
+            return
+        sequence = self._sequences.get(channel, 0)
         for start in range(0, len(payloads), size):
-            offset = self.reserve(channel, log_time_ns, size)
-            if offset >= 0:
-                data[offset : offset + size] = payloads[start : start + size]
-                self._words[_HEAD] = self._head = self._next
+            RECORD_HEADER.pack_into(data, place, size, channel, 0, log_time_ns, sequence)
+            data[place + 24 : place + 24 + size] = payloads[start : start + size]
+            place += needed
+            sequence += 1
             log_time_ns += step_ns
+        self._sequences[channel] = sequence
+        self._words[_HEAD] = self._head = end
 
     def _has_room(self, end: int) -> bool:
         self._tail = self._words[_TAIL]

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from emulator.compilation import kernel
+from emulator.compilation import kernel, part
 from emulator.number_text import Text, read_number, write_number
 from emulator.phrases import LONGEST_LINE, LONGEST_REPLY
 from hm_driver.realtime.commands import BIAS_COMMAND, SPRING_COMMANDS
@@ -198,7 +198,7 @@ def say_number(client: Client, spring: int, index: int, at: int) -> int:
     return say(client, client.changes, row + 1, end)
 
 
-@kernel
+@part
 def say_changes(client: Client) -> None:
     """Begin the next request by what changed, as `EffectCommands.changes` does."""
     client.counts[N_CHANGES] = 0
@@ -230,7 +230,7 @@ def say_changes(client: Client) -> None:
     client.counts[N_SAID] = at
 
 
-@kernel
+@part
 def ask(client: Client, is_state_asked: bool) -> None:  # noqa: FBT001  # flat scalars, for the compiler
     """End the request by the questions."""
     tail = W_TAIL + (1 if is_state_asked else 0)
@@ -240,7 +240,7 @@ def ask(client: Client, is_state_asked: bool) -> None:  # noqa: FBT001  # flat s
     client.counts[N_REQUEST] = say(client, client.request, tail, said)
 
 
-@kernel
+@part
 def skip_acknowledgements(client: Client) -> int:
     """Where the answers to the questions begin; -1 where a change may have been refused."""
     at = 0
@@ -255,7 +255,7 @@ def skip_acknowledgements(client: Client) -> int:
     return at
 
 
-@kernel
+@part
 def hear(client: Client, is_state_asked: bool) -> bool:  # noqa: FBT001  # as above
     """Read the measurement; False where anything in the reply is unusual."""
     reply, size = client.reply, client.counts[N_REPLY]
@@ -290,7 +290,7 @@ def hear(client: Client, is_state_asked: bool) -> bool:  # noqa: FBT001  # as ab
     return bool(at == size - 1)
 
 
-@kernel
+@part
 def take_reply(client: Client, is_state_asked: bool, dt: float) -> bool:  # noqa: FBT001  # as above
     """Run the cycle function on a reply, and begin the next request.
 
@@ -311,7 +311,7 @@ def take_reply(client: Client, is_state_asked: bool, dt: float) -> bool:  # noqa
     return False
 
 
-@kernel
+@part
 def pack_record(client: Client, records: Records, row: int, index: int, time_ns: int, dt: float) -> None:
     """Pack the record of a cycle, in the order of `Publisher.publish`; nothing takes time."""
     values, integers, s = records.values, records.integers, client.s

@@ -207,10 +207,11 @@ class CompiledLoop:
         """Run cycles until so many have been run; False where the interpreted loop has to go on."""
         if not self._look_around(cycles - self.cycles):
             return False
-        while (done := self.cycles) < cycles:
-            is_usual = self._run(done, min(cycles, done + MOST_CYCLES))
-            if self.cycles > done:
-                self._publish(done)
+        while (first := self.cycles) < cycles:
+            is_usual = self._run(first, min(cycles, first + MOST_CYCLES))
+            done = self.cycles
+            if done > first:
+                self._publish(first, done)
             if not is_usual:
                 return False
         return True
@@ -256,9 +257,9 @@ class CompiledLoop:
 
     def _run(self, first: int, until: int) -> bool:
         counts, emulator = self._client.counts, self._emulator
+        done = first
         while True:
             inside = emulator.inside()
-            cycles = self.cycles
             code = run_cycles(
                 inside.arm,
                 inside.active_effects,
@@ -274,8 +275,9 @@ class CompiledLoop:
                 self._recording.epoch_ns,
                 self._state_every,
             )
-            emulator.ran_to(int(counts[N_STEP]), self.cycles - cycles)
-            self._clock.sleep_until_ns(self._deadline_ns(min(self.cycles, until - 1)))
+            before, done = done, self.cycles
+            emulator.ran_to(int(counts[N_STEP]), done - before)
+            self._clock.sleep_until_ns(self._deadline_ns(min(done, until - 1)))
             if code == DONE:
                 return True
             if code == ADVANCE:
@@ -307,9 +309,9 @@ class CompiledLoop:
     def _deadline_ns(self, index: int) -> int:
         return self._start_ns + index * self._period_ns
 
-    def _publish(self, first: int) -> None:
+    def _publish(self, first: int, cycles: int) -> None:
         """Publish the last cycle, and record all from the first on."""
-        cycles, s, m = self.cycles, self._client.s.tolist(), self._client.m.tolist()
+        s, m = self._client.s.tolist(), self._client.m.tolist()
         last_ns = self._deadline_ns(cycles - 1)
         ring, epoch_ns = self._recording
         first_ns = self._deadline_ns(first) + epoch_ns

@@ -183,10 +183,11 @@ def run_lockstep(request: TeachRequest, view: View, *, name: str, is_compiled: b
     """
     shuffle, hand_rng, emulator_seed = request.streams()
     options = request.options
-    emulator = LockstepEmulator(seed=emulator_seed, init_seconds=_INIT_S)
     with open_recording(
         request, name=name, clock="virtual", device="emulator", is_lockstep=True
     ) as recording:
+        emulator = LockstepEmulator(seed=emulator_seed, init_seconds=_INIT_S)
+        recording.wait_until_open()
         try:
             loop_options = LoopOptions(
                 url="sim://",

@@ -78,6 +78,7 @@ def run_real_time(request: TeachRequest, view: View, *, name: str) -> Outcome:
         recording = stack.enter_context(
             open_recording(request, name=name, clock="wall", device=device, is_lockstep=False)
         )
+        recording.wait_until_open()
         epoch_ns = time.time_ns() - time.monotonic_ns()
         log = SessionLog(recording.ring, reference_force=request.task.reference_force)
         loop = LoopProcess(_loop_options(request, device, str(recording.loop_ring), epoch_ns))

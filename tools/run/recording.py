@@ -35,7 +35,14 @@ class SessionRecording:
     loop_ring: Path | None
     """File of the loop's ring, where the loop has one of its own."""
     recorder: RecorderProcess
-    status: RecorderStatus
+
+    def wait_until_open(self) -> None:
+        """Wait for the recorder, which starts while the caller does something else.
+
+        Raises:
+            RecordingError: The log cannot be written.
+        """
+        self.recorder.wait_until_open()
 
     def finish(self) -> RecorderStatus:
         """Have everything written and the file closed.
@@ -43,19 +50,21 @@ class SessionRecording:
         Raises:
             RecordingError: The recorder died or its disk failed; what was written stays readable.
         """
-        self.status = self.recorder.stop()
-        if self.status.problem:
+        status = self.recorder.stop()
+        if status.problem:
             raise RecordingError(
-                f"the log is not complete: {self.status.problem}; free some space, keep {self.path}"
+                f"the log is not complete: {status.problem}; free some space, keep {self.path}"
             )
-        return self.status
+        return status
 
 
 @contextlib.contextmanager
 def open_recording(
     request: TeachRequest, *, name: str, clock: str, device: str, is_lockstep: bool
 ) -> Iterator[SessionRecording]:
-    """Open rings and recorder for a session; whatever ends it, what is in the rings is written.
+    """Open rings and start the recorder of a session; whatever ends it, what is in the rings is written.
+
+    The caller waits for the recorder by `SessionRecording.wait_until_open`.
 
     Args:
         request: The session.
@@ -109,10 +118,9 @@ def open_recording(
         )
         when_full = WhenFull.BLOCK if is_lockstep else WhenFull.DROP
         ring = stack.enter_context(Ring(memoryview(blocks[0].buffer), when_full=when_full))
-        stack.enter_context(recorder)
-        yield SessionRecording(
-            path, ring, None if is_lockstep else blocks[1].path, recorder, recorder.status()
-        )
+        recorder.launch()
+        stack.callback(recorder.close)
+        yield SessionRecording(path, ring, None if is_lockstep else blocks[1].path, recorder)
 
 
 def _attachment(name: str, value: dict[str, Any]) -> Attachment:

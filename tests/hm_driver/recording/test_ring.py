@@ -132,3 +132,21 @@ def test_closing_releases_the_memory_and_may_be_done_twice():
         ring.write(1, 0, b"x")
     ring.close()
     buffer.append(0)  # raises while a view is still there
+
+
+@pytest.mark.parametrize("when_full", list(WhenFull))
+def test_a_series_leaves_the_ring_as_its_records_one_by_one_do(when_full):
+    one, other = bytearray(ring_bytes(512)), bytearray(ring_bytes(512))
+    rings = []
+    for memory in (one, other):
+        Ring.format(memory)
+        rings.append((Ring(memory, when_full=when_full), Ring(memory)))
+    (series, _), (single, _) = rings
+    for k in range(40):
+        payload = bytes(range(k, k + 42))
+        series.write_series(7, 100 * k, 3, memoryview(payload), 14)
+        for part in range(3):
+            single.write(7, 100 * k + 3 * part, payload[14 * part : 14 * part + 14])
+        assert one == other
+        if when_full is WhenFull.BLOCK or k % 3 == 0:
+            assert rings[0][1].drain() == rings[1][1].drain()
