@@ -7,7 +7,7 @@ interpreter would not do: where anything is unusual it declines, and the interpr
 """
 
 from collections.abc import Mapping
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -31,6 +31,9 @@ LONGEST_REPLY: Final = MOST_COMMANDS * max(HALF + 1, 3 * (LONGEST_NUMBER + 1) + 
 
 HOT_PARAMETERS = {"pos": E_POSITION, "vel": E_VELOCITY, "force": E_BIAS, "maxforce": E_MAX_FORCE}
 """Parameters that programs set in every cycle, with their place in an object's row."""
+
+START: Final = cast("int", np.int64(0))
+"""Where a text begins. What takes a plain 0 would be compiled once more, for zeros."""
 
 KIND_WORD: Final = 0
 KIND_VECTOR: Final = 1
@@ -157,9 +160,7 @@ def answer(
     """
     if size < 2 or line[size - 1] != _END:
         return 0
-    at = 0
-    told = 0
-    guess = 0
+    at = told = guess = START
     for _ in range(MOST_COMMANDS):
         phrase = find_phrase(line, at, size, texts, fields, guess)
         if phrase < 0:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from emulator.compilation import kernel, part
 from emulator.number_text import Text, read_number, write_number
-from emulator.phrases import LONGEST_LINE, LONGEST_REPLY
+from emulator.phrases import LONGEST_LINE, LONGEST_REPLY, START
 from hm_driver.realtime.commands import BIAS_COMMAND, SPRING_COMMANDS
 from hm_driver.realtime.cycle import (
     ADMITTANCE,
@@ -202,7 +202,7 @@ def say_number(client: Client, spring: int, index: int, at: int) -> int:
 def say_changes(client: Client) -> None:
     """Begin the next request by what changed, as `EffectCommands.changes` does."""
     client.counts[N_CHANGES] = 0
-    at = 0
+    at = START
     for spring in range(SPRINGS):
         is_on = client.s[spring * SPRING_STRIDE + PHASE] != ADMITTANCE
         if is_on:
