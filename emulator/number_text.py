@@ -181,7 +181,10 @@ def read_number(text: Text, at: int) -> tuple[float, int]:
     if mantissa != 0:
         if -_LARGEST_POWER <= exponent <= _LARGEST_POWER:
             value = scale(value, exponent)
-        elif significant <= SIGNIFICANT_DIGITS and abs(exponent + significant) < _LARGEST_EXPONENT:
+        elif (
+            significant <= SIGNIFICANT_DIGITS
+            and 1 - _LARGEST_EXPONENT < exponent + significant < _LARGEST_EXPONENT
+        ):
             value = round_wire(scale(value, exponent))
         else:
             return 0.0, -1

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from emulator.compilation import entry_point
@@ -164,6 +164,9 @@ def test_a_number_is_written_as_the_format_of_six_digits_writes_it(x):
 
 @settings(max_examples=2000, deadline=None)
 @given(x=doubles, form=st.sampled_from(["%g", "%r", "%.3f", "%.9e", "%+.2E"]))
+@example(x=1e-250, form="%g")
+@example(x=9.99999e248, form="%g")
+@example(x=1.00001e-249, form="%g")
 def test_a_number_is_read_as_python_reads_it_or_declined(x, form):
     printed = form % x
     text = np.zeros(400, dtype=np.uint8)
