@@ -130,14 +130,13 @@ def _loop_options(request: TeachRequest, device: str, ring: str, epoch_ns: int) 
     """Options of the loop.
 
     With an emulator of its own, on a machine that may be shared and stall, a session only counts its missed
-    periods, is patient with silence and lets the arm catch up. For a device that the user names the limits
-    are those configured.
+    periods and is patient with silence. For a device that the user names the limits are those configured.
     """
     options = request.options
     return LoopOptions(
         url=device,
         modes=options.modes,
-        limits=options.limits if request.device else replace(options.limits, velocity_trip=5.0),
+        limits=options.limits,
         geometry=options.geometry,
         timing=options.timing,
         watch=options.watch if request.device else replace(options.watch, **_OWN_EMULATOR),
