@@ -18,6 +18,7 @@ set it is lost.
 """
 
 import json
+import select
 import socket
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol
@@ -112,6 +113,7 @@ class WorldClient:
             raise TransportError(f"no world endpoint at {url}: {error}; is the emulator running?") from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._received = b""
+        self._awaited = 0
         self._is_closed = False
 
     def exchange(self, hand: Hand | None) -> Truth:
@@ -122,6 +124,16 @@ class WorldClient:
             TransportError: No reply in time, or the connection is lost.
         """
         return self._ask({"hand": hand})
+
+    def begin(self, hand: Hand | None) -> None:
+        """Send what `exchange` does without waiting for its reply, which `finished` gives; raises as it does."""
+        self._send({"hand": hand})
+
+    def finished(self) -> list[Truth]:
+        """The replies to `begin` that have come by now, in order; never waits, raises as `exchange` does."""
+        while self._awaited and select.select([self._socket], [], [], 0.0)[0]:
+            self._received_more()
+        return [self._next_truth() for _ in range(self._received.count(b"\n"))]
 
     def observe(self) -> Truth:
         """What is true now, without touching the arm; raises as `exchange` does."""
@@ -164,35 +176,47 @@ class WorldClient:
         self.close()
 
     def _ask(self, request: Mapping[str, object]) -> Truth:
+        """Send a request and wait for its reply; replies to `begin` that nobody asked for are passed over."""
+        self._send(request)
+        while self._awaited > 1:
+            self._next_truth()
+        return self._next_truth()
+
+    def _send(self, request: Mapping[str, object]) -> None:
         if self._is_closed:
             raise TransportClosed(f"the connection to the world endpoint {self.url} was closed")
         try:
             self._socket.sendall(json.dumps(request, default=list).encode() + b"\n")
-            reply = json.loads(self._receive_line())
-        except TimeoutError as error:
-            self.close()
-            raise TransportTimeout(f"the world endpoint {self.url} did not answer in time") from error
-        except TransportError:
-            raise
         except OSError as error:
-            self.close()
-            raise TransportClosed(
-                f"the connection to the world endpoint {self.url} is lost: {error}"
-            ) from error
+            raise self._lost(error) from error
+        self._awaited += 1
+
+    def _next_truth(self) -> Truth:
+        while b"\n" not in self._received:
+            self._received_more()
+        line, _, self._received = self._received.partition(b"\n")
+        self._awaited -= 1
+        reply = json.loads(line)
         if "error" in reply:
             raise WorldError(reply["error"])
         values = (reply[name] for name in Truth._fields)
         return Truth._make(tuple(value) if isinstance(value, list) else value for value in values)
 
-    def _receive_line(self) -> bytes:
-        while b"\n" not in self._received:
+    def _received_more(self) -> None:
+        try:
             data = self._socket.recv(65536)
-            if not data:
-                self.close()
-                raise TransportClosed(f"the world endpoint {self.url} closed the connection")
-            self._received += data
-        line, _, self._received = self._received.partition(b"\n")
-        return line
+        except OSError as error:
+            raise self._lost(error) from error
+        if not data:
+            self.close()
+            raise TransportClosed(f"the world endpoint {self.url} closed the connection")
+        self._received += data
+
+    def _lost(self, error: OSError) -> TransportError:
+        self.close()
+        if isinstance(error, TimeoutError):
+            return TransportTimeout(f"the world endpoint {self.url} did not answer in time")
+        return TransportClosed(f"the connection to the world endpoint {self.url} is lost: {error}")
 
 
 def fault_request(kind: str, value: float | Vector | None, duration_s: float | None) -> dict[str, object]:

@@ -210,7 +210,7 @@ def run_lockstep(request: TeachRequest, view: View, *, name: str, is_compiled: b
             try:
                 run_ticks(session, plugs, start_ns=loop.start_ns, epoch_ns=EPOCH_NS - loop.start_ns)
             finally:
-                world.move(None)
+                world.move(loop.now_ns(), None)
                 loop.stop()
         finally:
             status = recording.finish()

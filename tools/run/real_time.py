@@ -19,7 +19,7 @@ from hm_driver.realtime.scheduling import Rung, enter_realtime
 from teaching import kernels
 from teaching.hands.contract import Hand, PersonHand
 from tools.run.demonstrator import build_demonstrator
-from tools.run.hands import EmulatedWorld
+from tools.run.hands import RemoteWorld
 from tools.run.log import SessionLog
 from tools.run.options import TICK_S, build_session
 from tools.run.recording import open_recording
@@ -64,7 +64,7 @@ def run_real_time(request: TeachRequest, view: View, *, name: str) -> Outcome:
         if device is None:
             emulator = stack.enter_context(Emulator(seed=emulator_seed))
             device, world_url = emulator.url, emulator.world_url
-        world: EmulatedWorld | None = None
+        world: RemoteWorld | None = None
         if request.hand is HandKind.SIMULATED:
             if world_url is None:
                 raise ConfigurationError(
@@ -72,7 +72,7 @@ def run_real_time(request: TeachRequest, view: View, *, name: str) -> Outcome:
                 )
             client = WorldClient(world_url)
             stack.callback(client.close)
-            world = EmulatedWorld(client)
+            world = RemoteWorld(client)
         kernels.warm_up()
         session = build_session(request.options, request.task, shuffle)
         recording = stack.enter_context(

@@ -18,6 +18,10 @@ LONGEST_STEP_NS = 2 * TICK_NS
 class Felt(NamedTuple):
     """What only a simulation knows of the hand, for the log."""
 
+    time_ns: int
+    """Time of the tick that sent the intent, on the log's clock [ns]."""
+    intent: HandIntent | None
+    """What the hand intended then; None where it let go."""
     hand_force: Vector
     """True force of the hand on the end effector [N]."""
     contact_force: Vector
@@ -49,8 +53,15 @@ class Loop(Protocol):
 class World(Protocol):
     """Where a simulated hand takes hold of the emulated arm."""
 
-    def move(self, intent: HandIntent | None) -> Felt:
-        """Carry the hand's intent over; None lets go."""
+    def move(self, time_ns: int, intent: HandIntent | None) -> list[Felt]:
+        """Carry the hand's intent over, None to let go; returns what this or earlier intents were met with.
+
+        Must not wait for a peer that a busy machine may hold up.
+
+        Args:
+            time_ns: Time of the tick on the log's clock [ns].
+            intent: What the hand intends.
+        """
         ...
 
 
@@ -105,8 +116,8 @@ def run_ticks(session: Session, plugs: Plugs, *, start_ns: int, epoch_ns: int) -
         log.tick(time_ns, tick)
         if plugs.world is not None:
             intent = plugs.hand.step(tick.seen, min(deadline_ns - last_ns, LONGEST_STEP_NS) * 1e-9)
-            felt = plugs.world.move(intent)
-            log.hand(time_ns, intent, felt.hand_force, felt.contact_force)
+            for felt in plugs.world.move(time_ns, intent):
+                log.hand(felt.time_ns, felt.intent, felt.hand_force, felt.contact_force)
         plugs.view.show((deadline_ns - start_ns) * 1e-9, session, tick, state)
         last_ns = deadline_ns
         behind = max(0, clock.now_ns() - deadline_ns) // TICK_NS
