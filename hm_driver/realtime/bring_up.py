@@ -72,7 +72,7 @@ def initialise(
     )
 
 
-def enter_session(link: CycleLink, options: LoopOptions, *, state: str = "force") -> None:
+def enter_session(link: CycleLink, options: LoopOptions) -> None:
     """Enter the session's state, and make the springs and the bias force, all but the last one disabled.
 
     Raises:
@@ -80,6 +80,7 @@ def enter_session(link: CycleLink, options: LoopOptions, *, state: str = "force"
         DeviceError: The device refused a command.
         TransportError: The device does not answer.
     """
+    state = options.state
     ask(link, f"set state {state}")
     reached = parse_word(ask(link, "get state"))
     if reached != state:

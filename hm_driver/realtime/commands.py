@@ -6,7 +6,7 @@ from hm_driver.realtime.cycle import (
     CAP,
     PHASE,
     REFERENCE,
-    S_BIAS,
+    S_PUSH,
     SPRING_STRIDE,
     SPRINGS,
     VELOCITY,
@@ -34,12 +34,17 @@ class EffectCommands:
     """Turns the state of the springs and the bias force into the commands of one cycle.
 
     A value is said again when its text on the wire (six significant digits) has changed. A spring is disabled
-    while it is released, and enabled behind its first values.
+    once it is released, and enabled behind its first values.
+
+    Args:
+        are_springs_ours: Whether the loop renders the springs of position mode by the bias force; the
+            device's are then left alone.
     """
 
-    __slots__ = ("_bias", "_enabled", "_sent", "_sets", "_texts")
+    __slots__ = ("_bias", "_enabled", "_sent", "_sets", "_springs", "_texts")
 
-    def __init__(self) -> None:
+    def __init__(self, *, are_springs_ours: bool = False) -> None:
+        self._springs = (ASSIST,) if are_springs_ours else (0, 1, 2, ASSIST)
         self._sets = SPRING_COMMANDS
         nothing = float("nan")
         self._sent = [nothing] * (SPRINGS * SPRING_STRIDE)
@@ -64,14 +69,14 @@ class EffectCommands:
         """Commands that bring the device from what it was told last to the state ``s`` of the cycle."""
         changes: list[str] = []
         enabled = self._enabled
-        for spring in (0, 1, 2, ASSIST):
+        for spring in self._springs:
             base = spring * SPRING_STRIDE
             if s[base + PHASE] != ADMITTANCE:
                 self._move(spring, s, base, changes)
             elif enabled[spring]:
                 enabled[spring] = False
                 changes.append(self._sets[spring][4])
-        bias = (s[S_BIAS], s[S_BIAS + 1], s[S_BIAS + 2])
+        bias = (s[S_PUSH], s[S_PUSH + 1], s[S_PUSH + 2])
         if bias != self._bias:
             self._bias = bias
             changes.append(BIAS_COMMAND % bias)  # as %g is the wire's

@@ -106,7 +106,7 @@ class LoopCore:
         self._u = [0.0] * cycle.SETPOINT_SIZE
         self._m = [0.0] * cycle.MEASUREMENT_SIZE
         self._last_good = [0.0] * cycle.MEASUREMENT_SIZE
-        self._commands = EffectCommands()
+        self._commands = EffectCommands(are_springs_ours=parameters[cycle.P_BY_FORCE] > 0.0)
         self._changes: list[str] = []
         self._state_every = max(1, round(STATE_EVERY_S * 1e9 / grid.period_ns))
         self._stale_limit = int(watch.stale_s * 1e9 / grid.period_ns)

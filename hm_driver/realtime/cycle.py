@@ -32,7 +32,8 @@ S_ELAPSED = 25
 S_SEQUENCE = 26
 S_FORCE = 27
 S_SATURATED = 31
-STATE_SIZE = 32
+S_PUSH = 32
+STATE_SIZE = 35
 
 ADMITTANCE, POSITION, RELEASING = 0.0, 1.0, 2.0
 
@@ -53,7 +54,8 @@ P_JOINT = 21
 P_JOINT_SPEED = 27
 P_SPEED_TRIP = 30
 P_FORCE_TRIP = 31
-PARAMETER_SIZE = 32
+P_BY_FORCE = 32
+PARAMETER_SIZE = 33
 
 # set-point, in the order of `setpoint.SetPoint`
 U_SEQUENCE, U_ASSIST, U_ENGAGE, U_TARGET, U_VELOCITY, U_BIAS = 0, 1, 2, 5, 8, 11
@@ -285,8 +287,11 @@ def cycle(s: Floats, p: Floats, u: Floats, m: Floats, dt: float) -> int:
         s[S_FORCE + axis] = step_spring(s, p, axis, axis, engage, target, velocity, m, dt)
     s[S_FORCE + ASSIST] = step_assist(s, p, u[U_ASSIST] > 0.5, m, dt)
     bias_step = p[P_BIAS_RATE] * dt
+    is_by_force = p[P_BY_FORCE] > 0.5
     for axis in range(AXES):
         wanted = clamp(u[U_BIAS + axis], -p[P_BIAS_MAX], p[P_BIAS_MAX])
         bias = s[S_BIAS + axis]
-        s[S_BIAS + axis] = bias + clamp(wanted - bias, -bias_step, bias_step)
+        bias += clamp(wanted - bias, -bias_step, bias_step)
+        s[S_BIAS + axis] = bias
+        s[S_PUSH + axis] = bias + s[S_FORCE + axis] if is_by_force else bias
     return trip

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from enum import Enum
 
 from hm_driver.errors import ConfigurationError
 from hm_driver.geometry import ArmGeometry
@@ -11,6 +12,16 @@ STIFFNESS_MAX = 100e3
 """Stiffest spring that the device takes [N/m]."""
 ARM_FORCE_MAX = 250.0
 """Largest force that the arm itself can give [N]."""
+
+
+class PositionControl(Enum):
+    """Who renders the springs of position mode; published programs use both ways."""
+
+    SPRING = "spring"
+    """The device: springs whose position and velocity move. They hold the arm also when the loop is gone."""
+    BIAS_FORCE = "bias_force"
+    """The loop: a PD law whose force is sent as a bias force. The device keeps pushing with the last force
+    that it was told, until it is told another one or is stopped."""
 
 
 def _require_positive(options: object, unit: str, highest: float, *names: str) -> None:
@@ -28,10 +39,12 @@ class ModeOptions:
     """Virtual mass that the hand moves [kg]; the device takes 2 kg at least."""
     coulomb_friction: float = 0.0
     """Virtual Coulomb friction [N]."""
+    position_control: PositionControl = PositionControl.SPRING
+    """Who renders the springs of position mode: the device ("spring"), or the loop ("bias_force")."""
     position_stiffness: float = 5000.0
-    """Of the springs of position mode [N/m]."""
+    """Of the springs of position mode [N/m]; Kp where the loop renders them."""
     position_damping_ratio: float = 1.0
-    """Of the springs of position mode, on the virtual mass."""
+    """Of the springs of position mode, on the virtual mass; Kd is the damping that it makes there."""
     position_force_max: float = 30.0
     """Largest force of a spring of position mode [N]."""
     assist_stiffness: float = 300.0
@@ -56,6 +69,29 @@ class ModeOptions:
             )
         if not 0.0 <= self.coulomb_friction <= 10.0:
             raise ConfigurationError("coulomb_friction", f"{self.coulomb_friction} N must be 0 to 10 N")
+
+    def check_rate(self, rate_hz: float) -> None:
+        """Refuse gains that a loop of this rate [Hz] cannot render stably by a bias force.
+
+        A force that is computed from one measurement acts from the next exchange on, for a period: 1.5
+        periods of delay T. Of the damping Kd - 1.5 Kp T has to remain at least a half, and of a speed no
+        more than a quarter may be taken off in a period, Kd T / m <= 0.25: four times as much shakes.
+
+        Raises:
+            ConfigurationError: The stiffness is too high, or the damping too high or too low.
+        """
+        if self.position_control is not PositionControl.BIAS_FORCE:
+            return
+        stiffness, ratio = self.position_stiffness, self.position_damping_ratio
+        damping = self.damping(stiffness, ratio)
+        if damping > 0.25 * self.inertia * rate_hz or damping < 3.0 * stiffness / rate_hz:
+            raise ConfigurationError(
+                "position_stiffness",
+                f"{stiffness:g} N/m with a damping ratio of {ratio:g} cannot be rendered by a bias force at "
+                f"{rate_hz:g} Hz: the damping, {damping:.0f} N·s/m, must be {3.0 * stiffness / rate_hz:.0f} "
+                f"to {0.25 * self.inertia * rate_hz:.0f} N·s/m there; lower the stiffness, raise the rate, "
+                'or leave position_control at "spring"',
+            )
 
     def damping(self, stiffness: float, ratio: float) -> float:
         """Damping [N*s/m] that the device gives a spring [N/m] of a damping ratio on the virtual mass."""
@@ -141,4 +177,5 @@ def cycle_parameters(
     )
     p[cycle.P_SPEED_TRIP] = limits.velocity_trip
     p[cycle.P_FORCE_TRIP] = limits.force_trip
+    p[cycle.P_BY_FORCE] = float(modes.position_control is PositionControl.BIAS_FORCE)
     return p

@@ -11,6 +11,8 @@ SPRING_NAMES = ("spring_x", "spring_y", "spring_z", "assist")
 """Names of the device's springs, in the order of the cycle function."""
 BIAS_NAME = "feedback"
 """Name of the device's bias force."""
+SESSION_STATES = ("force", "position")
+"""States of the device in which the loop can run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,6 +74,9 @@ class LoopOptions:
 
     url: str
     """The device, as ``tcp://HOST[:7654]``."""
+    state: str = "force"
+    """State of the device during the run: ``force``, where it answers to the hand, or ``position``, where it
+    renders the springs but does not respond to the force sensor."""
     modes: ModeOptions = field(default_factory=ModeOptions)
     """Admittance and position mode."""
     limits: LimitOptions = field(default_factory=LimitOptions)
@@ -100,6 +105,12 @@ class LoopOptions:
     """Whether a guardian process watches the loop over a connection of its own."""
 
     def __post_init__(self) -> None:
+        if self.state not in SESSION_STATES:
+            raise ConfigurationError("state", f"{self.state!r} is not one of {', '.join(SESSION_STATES)}")
+        try:
+            self.modes.check_rate(self.timing.rate_hz)
+        except ConfigurationError as error:
+            raise ConfigurationError(f"modes.{error.field}", error.problem) from error
         _check_range(self, "tick_s", 0.0004, 1.0, "s")
         _check_range(self, "init_timeout_s", 0.001, 600.0, "s")
         _check_range(self, "connect_timeout_s", 0.01, 60.0, "s")

@@ -90,6 +90,7 @@ class _Run:
                     recording=recording,
                     trace=trace,
                     law=law,
+                    session_state=options.state,
                 )
                 self._cycle(core)
             except BaseException:

@@ -20,10 +20,12 @@ from hm_driver.realtime.cycle import (
     AXES,
     MEASUREMENT_SIZE,
     OK,
+    P_BY_FORCE,
     PHASE,
     REFERENCE,
     S_BIAS,
     S_FORCE,
+    S_PUSH,
     S_SATURATED,
     SETPOINT_SIZE,
     SPRING_STRIDE,
@@ -203,7 +205,8 @@ def say_changes(client: Client) -> None:
     """Begin the next request by what changed, as `EffectCommands.changes` does."""
     client.counts[N_CHANGES] = 0
     at = START
-    for spring in range(SPRINGS):
+    first = ASSIST if client.p[P_BY_FORCE] > 0.0 else 0
+    for spring in range(first, SPRINGS):
         is_on = client.s[spring * SPRING_STRIDE + PHASE] != ADMITTANCE
         if is_on:
             for index in range(PHASE):
@@ -215,14 +218,14 @@ def say_changes(client: Client) -> None:
     is_new = False
     for axis in range(AXES):
         cell = SPRINGS * SPRING_STRIDE + axis
-        if client.told[cell] != client.s[S_BIAS + axis]:
-            client.told[cell] = client.s[S_BIAS + axis]
+        if client.told[cell] != client.s[S_PUSH + axis]:
+            client.told[cell] = client.s[S_PUSH + axis]
             is_new = True
     if is_new:
         client.counts[N_CHANGES] += 1
         at = say(client, client.changes, W_BIAS, at)
         for axis in range(AXES):
-            at = write_number(client.changes, at, client.s[S_BIAS + axis])
+            at = write_number(client.changes, at, client.s[S_PUSH + axis])
             if axis + 1 < AXES:
                 client.changes[at] = _COMMA
                 at += 1
