@@ -126,7 +126,7 @@ class WorldClient:
         return self._ask({"hand": hand})
 
     def begin(self, hand: Hand | None) -> None:
-        """Send what `exchange` does without waiting for its reply, which `finished` gives; raises as it does."""
+        """Send what `exchange` sends; `finished` gives the reply. Raises as `exchange` does."""
         self._send({"hand": hand})
 
     def finished(self) -> list[Truth]:

@@ -57,8 +57,8 @@ class RemoteWorld:
         felt = [_felt(*self._waiting.popleft(), truth) for truth in self._client.finished()]
         if self._waiting and time_ns - self._waiting[0][0] > LONGEST_SILENCE_NS:
             raise TransportTimeout(
-                f"the world endpoint {self._client.url} has not answered for {LONGEST_SILENCE_NS * 1e-9:g} s; "
-                "is the emulator still running?"
+                f"the world endpoint {self._client.url} has not answered for "
+                f"{LONGEST_SILENCE_NS * 1e-9:g} s; is the emulator still running?"
             )
         self._client.begin(None if intent is None else intent._asdict())
         self._waiting.append((time_ns, intent))
