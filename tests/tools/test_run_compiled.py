@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 from emulator.in_process import LockstepEmulator
 from hm_driver.errors import HapticMasterError, SafetyTrip
 from hm_driver.realtime.core import Recording
-from hm_driver.realtime.modes import LimitOptions
+from hm_driver.realtime.modes import LimitOptions, ModeOptions, PositionControl
 from hm_driver.realtime.options import LoopOptions, TimingOptions, WatchOptions
 from hm_driver.realtime.setpoint import SetPoint
 from hm_driver.recording.ring import Ring
@@ -179,6 +179,16 @@ def test_every_line_on_the_wire_is_the_same():
     assert len(expected) > 1500
     assert lines == expected
     assert records == their_records
+
+
+def test_every_line_is_the_same_where_the_loop_renders_the_springs():
+    modes = ModeOptions(position_control=PositionControl.BIAS_FORCE)
+    options = LoopOptions(url="sim://", modes=modes)
+    runs = [Wire(is_compiled=is_compiled, options=options).run(400) for is_compiled in (True, False)]
+    assert runs[0] == runs[1]
+    lines = b"".join(runs[0][0])
+    assert b"set feedback force" in lines
+    assert b"set spring" not in lines
 
 
 @pytest.mark.parametrize("rate_hz", [400.0, 2500.0])

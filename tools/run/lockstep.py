@@ -97,6 +97,7 @@ class LockstepLoop:
             parameters=options.parameters(),
             watch=options.watch,
             recording=self._recording,
+            session_state=options.state,
         )
         if not is_compiled or options.watch.stale_s or not link.combined:
             self._interpret()
@@ -162,6 +163,7 @@ class LockstepLoop:
                 watch=options.watch,
                 recording=self._recording,
                 keeps_timing=False,
+                session_state=options.state,
             )
             self._core.resume(compiled.checkpoint())
             self._next_ns += compiled.cycles * self._period_ns

@@ -11,12 +11,14 @@ from hypothesis import strategies as st
 from hm_driver.errors import ConfigurationError
 from hm_driver.geometry import ArmGeometry
 from hm_driver.realtime import cycle as c
-from hm_driver.realtime.modes import LimitOptions, ModeOptions, cycle_parameters
+from hm_driver.realtime.modes import LimitOptions, ModeOptions, PositionControl, cycle_parameters
 from hm_driver.realtime.setpoint import SetPoint
 
 DT = 0.001
 MODES, LIMITS, GEOMETRY = ModeOptions(), LimitOptions(), ArmGeometry()
 P = cycle_parameters(MODES, LIMITS, GEOMETRY, tick_s=0.01)
+BY_FORCE = ModeOptions(position_control=PositionControl.BIAS_FORCE)
+P_BY_FORCE = cycle_parameters(BY_FORCE, LIMITS, GEOMETRY, tick_s=0.01)
 FORCE_MAX = MODES.position_force_max
 RATE = P[c.P_FORCE_RATE]
 ASSIST_RATE = P[c.P_ASSIST_RATE]
@@ -75,7 +77,8 @@ def run_compiled(functions):
     return scope["cycle"]
 
 
-def test_the_compiled_cycle_equals_the_interpreted_one_bit_for_bit():
+@pytest.mark.parametrize("p", [P, P_BY_FORCE], ids=["spring", "bias force"])
+def test_the_compiled_cycle_equals_the_interpreted_one_bit_for_bit(p):
     compiled = run_compiled(["clamp", "follow", "step_spring", "step_assist", "check", "cycle"])
     rng = np.random.default_rng(1)
     interpreted_s, compiled_s = [0.0] * c.STATE_SIZE, np.zeros(c.STATE_SIZE)
@@ -92,8 +95,8 @@ def test_the_compiled_cycle_equals_the_interpreted_one_bit_for_bit():
         m[6:9] = rng.normal(0.0, 25.0, 3).tolist()
         measured = [math.nan if k % 997 == 996 and i == 4 else value for i, value in enumerate(m)]
         dt = DT if rng.random() < 0.9 else float(rng.uniform(0.5, 4.0)) * DT
-        trip = c.cycle(interpreted_s, P, u, measured, dt)
-        assert compiled(compiled_s, np.array(P), np.array(u), np.array(measured), dt) == trip
+        trip = c.cycle(interpreted_s, p, u, measured, dt)
+        assert compiled(compiled_s, np.array(p), np.array(u), np.array(measured), dt) == trip
         assert np.array(interpreted_s).tobytes() == compiled_s.tobytes(), f"cycle {k}"
         trips.add(trip)
     assert {c.OK, c.TRIP_DATA, c.TRIP_FORCE} <= trips
@@ -330,6 +333,58 @@ def test_a_cycle_after_missed_periods_moves_by_what_they_allow_and_no_more():
         assert abs(arm.force() - force) <= min(RATE * periods * DT, 2.0 * FORCE_MAX) + TINY
 
 
+# Bias-force PD
+
+
+@given(MOTIONS)
+@HAND_OVERS
+def test_the_bias_force_is_what_the_springs_of_the_other_way_would_pull_with(motions):
+    springs, ours, speed = Arm(), Arm(), 0.0
+    ours.p = list(P_BY_FORCE)
+    for engage, assist, target, target_velocity, acceleration, periods in motions:
+        for arm in (springs, ours):
+            arm.ask(
+                engage_z=float(engage), assist=float(assist), target_z=target, velocity_z=target_velocity,
+                bias_z=100.0 * target,
+            )  # fmt: skip
+        for k in range(10):
+            dt = DT * (periods if k == 4 else 1.0)
+            speed = max(-0.25, min(0.25, speed + acceleration * dt - ours.m[2] * dt))
+            for arm in (springs, ours):
+                arm.run(velocity=(0.0, 0.0, speed), dt=dt)
+            assert ours.s[: c.S_PUSH] == springs.s[: c.S_PUSH]
+            assert springs.s[c.S_PUSH :] == springs.s[c.S_BIAS : c.S_BIAS + 3]
+            assert ours.s[c.S_PUSH + 2] == ours.s[c.S_BIAS + 2] + ours.force()
+
+
+def test_the_bias_force_follows_the_pd_law_and_its_largest_force():
+    arm = Arm()
+    arm.p = list(P_BY_FORCE)
+    arm.ask(engage_z=1.0, target_z=0.002)
+    arm.run_for(1000)
+    kd = MODES.damping(MODES.position_stiffness, MODES.position_damping_ratio)
+    arm.run(velocity=(0.0, 0.0, 0.01))
+    expected = MODES.position_stiffness * (0.002 - arm.m[2]) - kd * 0.01
+    assert arm.s[c.S_PUSH + 2] == pytest.approx(expected, rel=1e-3)
+    arm.m[2] = -0.1
+    arm.run()
+    assert arm.s[c.S_PUSH + 2] == FORCE_MAX
+
+
+@given(MOTIONS, st.floats(-0.1, 0.1))
+@HAND_OVERS
+def test_a_bias_force_that_is_switched_with_the_handle_at_rest_keeps_the_rate(motions, position):
+    arm = Arm((0.0, 0.0, position))
+    arm.p = list(P_BY_FORCE)
+    for engage, _, target, target_velocity, _, periods in motions:
+        arm.ask(engage_z=float(engage), target_z=target, velocity_z=target_velocity)
+        for k in range(10):
+            dt = DT * (periods if k == 4 else 1.0)
+            before = arm.s[c.S_PUSH + 2]
+            arm.run(dt=dt)
+            assert abs(arm.s[c.S_PUSH + 2] - before) <= LIMITS.force_rate * dt + TINY
+
+
 # Assist
 
 
@@ -475,6 +530,14 @@ def test_a_value_out_of_range_names_its_field(options, name, value):
     with pytest.raises(ConfigurationError) as caught:
         options(**{name: value})
     assert caught.value.field == name
+
+
+@pytest.mark.parametrize(("rate_hz", "stiffness", "ratio"), [(100.0, 5000.0, 1.0), (1000.0, 5000.0, 0.01)])
+def test_gains_that_a_rate_cannot_render_by_a_bias_force_are_refused(rate_hz, stiffness, ratio):
+    gains = {"position_stiffness": stiffness, "position_damping_ratio": ratio}
+    ModeOptions(**gains).check_rate(rate_hz)
+    with pytest.raises(ConfigurationError, match=f"{stiffness:g} N/m .* at {rate_hz:g} Hz"):
+        ModeOptions(position_control=PositionControl.BIAS_FORCE, **gains).check_rate(rate_hz)
 
 
 def test_the_springs_of_one_axis_share_the_force_rate():
