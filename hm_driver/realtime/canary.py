@@ -31,7 +31,7 @@ class CanaryOptions:
     start_ns: int
     """Deadline 0 on CLOCK_MONOTONIC [ns]; may be past."""
     length: int
-    """Deadlines that are kept."""
+    """Deadlines that are kept, the newest."""
     priority: int = 90
     """SCHED_FIFO priority that is asked for; above the loop's."""
     cpu: int | None = None
@@ -75,9 +75,18 @@ class Canary:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def points(self) -> list[TracePoint]:
-        """Lateness at each deadline so far; a deadline that the canary missed is not there."""
-        return self._points if self._trace is None else self._trace.points()
+    def points(self, first: int = 0) -> list[TracePoint]:
+        """Lateness at the newest deadlines, from ``first`` on; one that the canary missed is not there."""
+        if self._trace is not None:
+            return self._trace.since(first)
+        return [point for point in self._points if point.number >= first]
+
+    @property
+    def next_number(self) -> int:
+        """Number behind that of the newest deadline at which the canary was awake."""
+        if self._trace is not None:
+            return self._trace.next_number
+        return self._points[-1].number + 1 if self._points else 0
 
     @property
     def rung(self) -> Rung:
@@ -113,13 +122,12 @@ def main() -> None:
         trace.close()
 
 
-def run_canary(grid: Grid, trace: Trace) -> None:
-    """Sleep to the deadlines until told to end, until the trace is full, or until the parent is gone."""
+def run_canary(grid: Grid, trace: Trace, *, last: int | None = None) -> None:
+    """Sleep to the deadlines until told to end, until the parent is gone, or up to a last deadline."""
     asked_ns = 0
-    while not trace.is_stop_requested and grid.index + 1 < trace.length:
+    while not trace.is_stop_requested and (last is None or grid.index < last):
         grid.wait()
-        if not grid.skipped:
-            trace.record(grid.index, grid.lateness_ns, 0)
+        trace.record(grid.index - grid.skipped, grid.lateness_ns, 0, grid.wake_ns)
         if grid.wake_ns - asked_ns > _PARENT_EVERY_NS:
             asked_ns = grid.wake_ns
             if parent_is_gone(timeout_s=0.0):

@@ -148,7 +148,8 @@ class Publisher:
         response_ns = lateness_ns + execution_ns
         self._execution(execution_ns)
         self._response(response_ns)
-        if self._trace is not None and not grid.skipped:
-            self._trace.record(grid.index, lateness_ns, response_ns)
+        if self._trace is not None:
+            number = grid.index - grid.skipped  # the deadline that was waited for
+            self._trace.record(number, lateness_ns, response_ns, grid.wake_ns, exchange_ns)
         if response_ns > self._soft_ns:
             self._words[_SOFT_OVERRUNS] += 1

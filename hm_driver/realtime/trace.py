@@ -1,21 +1,25 @@
-"""The timing of every single cycle in shared memory: for jitter tests, where percentiles are not enough."""
+"""The timing of the newest cycles in shared memory, a row each: where percentiles are not enough."""
 
 import mmap
 from typing import NamedTuple
 
-_READY, _STOP, _RUNG, _ROWS, _HEADER = 0, 1, 2, 3, 8
-_COLUMNS = 2
+_READY, _STOP, _RUNG, _NEXT, _HEADER = 0, 1, 2, 3, 8
+_COLUMNS = 5
 
 
 class TracePoint(NamedTuple):
-    """One deadline of the grid that was run."""
+    """One deadline of the grid that was waited for and served."""
 
     number: int
     """Number of the deadline."""
     lateness_ns: int
-    """Wake-up behind the deadline [ns]."""
+    """Wake-up behind the deadline [ns]; beyond a period where the deadlines that follow were missed."""
     response_ns: int
     """End of the cycle behind the deadline [ns]."""
+    wake_ns: int = 0
+    """When the loop woke up [ns], on its clock: what the grid says of itself can be checked by this."""
+    exchange_ns: int = 0
+    """Exchange with the device [ns]."""
 
 
 def trace_size(length: int) -> int:
@@ -24,7 +28,9 @@ def trace_size(length: int) -> int:
 
 
 class Trace:
-    """A row for each deadline of a grid; a deadline that was missed leaves its row empty.
+    """The rows of the newest ``length`` deadlines of a grid; one that was missed has none.
+
+    One writer, one reader. A reader who comes often enough with `since` sees every row of any run.
 
     Args:
         buffer: ``trace_size(length)`` writable bytes; all zeros is the empty trace.
@@ -36,20 +42,47 @@ class Trace:
         self._view = memoryview(buffer)
         self._words = self._view.cast("q")
         self.length = (len(self._words) - _HEADER) // _COLUMNS
-        """Deadlines that there is room for; later ones are not kept."""
+        """Deadlines that there is room for; a newer one replaces the oldest."""
 
-    def record(self, index: int, lateness_ns: int, response_ns: int) -> None:
-        """Keep the timing of one deadline."""
-        if index < self.length:
-            at = _HEADER + _COLUMNS * index
-            self._words[at] = lateness_ns + 1
-            self._words[at + 1] = response_ns
+    def record(
+        self, number: int, lateness_ns: int, response_ns: int, wake_ns: int = 0, exchange_ns: int = 0
+    ) -> None:
+        """Keep the timing of one deadline; later ones have larger numbers."""
+        words = self._words
+        at = _HEADER + _COLUMNS * (number % self.length)
+        words[at + 1] = lateness_ns
+        words[at + 2] = response_ns
+        words[at + 3] = wake_ns
+        words[at + 4] = exchange_ns
+        words[at] = number + 1
+        words[_NEXT] = number + 1
 
     def points(self) -> list[TracePoint]:
-        """The deadlines that were run, in order."""
-        values = self._words[_HEADER:].tolist()
-        rows = enumerate(zip(values[::_COLUMNS], values[1::_COLUMNS], strict=True))
-        return [TracePoint(index, late - 1, response) for index, (late, response) in rows if late]
+        """The rows that are there, in order."""
+        return self.since(0)
+
+    def since(self, first: int) -> list[TracePoint]:
+        """The rows that are there from a deadline on, in order."""
+        words, length = self._words, self.length
+        end = self.next_number
+        start = max(first, end - length)
+        rows = []
+        while start < end:
+            place = start % length
+            count = min(end - start, length - place)
+            values = words[_HEADER + _COLUMNS * place : _HEADER + _COLUMNS * (place + count)].tolist()
+            numbers = values[::_COLUMNS]
+            for i, number in enumerate(numbers):
+                if number == start + i + 1:
+                    at = i * _COLUMNS
+                    rows.append(TracePoint(number - 1, *values[at + 1 : at + _COLUMNS]))
+            start += count
+        return rows
+
+    @property
+    def next_number(self) -> int:
+        """Number behind that of the newest row; 0 while there is none."""
+        return int(self._words[_NEXT])
 
     @property
     def is_ready(self) -> bool:

@@ -19,9 +19,24 @@ MS = 1_000_000
 def test_a_trace_keeps_the_deadlines_that_were_run_and_no_others():
     trace = Trace(bytearray(trace_size(4)))
     trace.record(1, 0, 7)
-    trace.record(3, 20, 30)
-    trace.record(4, 1, 1)
-    assert trace.points() == [TracePoint(1, 0, 7), TracePoint(3, 20, 30)]
+    trace.record(3, 20, 30, 40, 50)
+    assert trace.points() == [TracePoint(1, 0, 7), TracePoint(3, 20, 30, 40, 50)]
+
+
+def test_a_full_trace_keeps_the_newest_deadlines():
+    trace = Trace(bytearray(trace_size(4)))
+    for number in (0, 1, 2, 5, 6):
+        trace.record(number, number, 0)
+    assert [point.number for point in trace.points()] == [5, 6]
+
+
+def test_a_trace_that_is_read_often_enough_tells_every_deadline_of_a_long_run():
+    trace, seen = Trace(bytearray(trace_size(8))), []
+    for number in range(100):
+        trace.record(number, number, 0)
+        if number % 5 == 0:
+            seen += trace.since(len(seen))
+    assert [point.lateness_ns for point in seen] == list(range(96))
 
 
 def test_the_excess_compares_deadlines_that_both_ran():
@@ -30,9 +45,9 @@ def test_the_excess_compares_deadlines_that_both_ran():
     assert excess_ns(loop, canary) == [20, 30]
 
 
-def test_a_canary_ends_when_its_trace_is_full():
+def test_a_canary_ends_at_its_last_deadline():
     trace = Trace(bytearray(trace_size(5)))
-    run_canary(Grid(VirtualClock(), MS, start_ns=MS), trace)
+    run_canary(Grid(VirtualClock(), MS, start_ns=MS), trace, last=4)
     assert [point.number for point in trace.points()] == [0, 1, 2, 3, 4]
 
 
