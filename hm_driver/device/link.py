@@ -53,6 +53,7 @@ class CommandLink:
         self._transport = transport
         self._decoder = ReplyDecoder(dialect)
         self._in_flight = threading.Lock()
+        self._is_line_due = False
         self._broken_by = ""
 
     @property
@@ -87,6 +88,8 @@ class CommandLink:
             if self._broken_by:
                 raise TransportClosed(f"{self.url}: the link is closed ({self._broken_by}); reconnect")
             data = encode_request(self.dialect, request)
+            if self._is_line_due:
+                self.receive_line()
             try:
                 self._transport.send(data)
                 reply = self._receive_reply(self.timeout_s if timeout_s is None else timeout_s)
@@ -101,27 +104,57 @@ class CommandLink:
         return reply
 
     def exchange_line(self, line: bytes) -> bytes:
-        """Exchange one line of the text dialect as it stands on the wire; the loop's short way.
+        """Send a line of the text dialect and return the line that answers it; see `send_line`.
 
-        The line and the reply carry their line end. Nothing else is looked at: neither the dialect, nor what
-        the reply says, nor whether another thread uses the link. The time-out is waited for in five parts,
-        so that a stall of the whole machine, which delays the device's answer too, counts as one of them.
+        Raises:
+            TransportError: As `send_line` and `receive_line`.
+            ProtocolError: As `receive_line`.
+        """
+        self.send_line(line)
+        return self.receive_line()
+
+    def send_line(self, line: bytes) -> None:
+        """Send one line of the text dialect as it stands on the wire; the loop's short way.
+
+        Line and reply carry their line end. Nothing else is looked at: neither the dialect, nor what the
+        reply says, nor whether another thread uses the link. What `receive_line` did not fetch is dropped by
+        the next `exchange`.
+
+        Raises:
+            TransportTimeout: The device took nothing in time; the link is broken.
+            TransportClosed: The peer is gone, or the link was broken before.
+        """
+        if self._broken_by:
+            raise TransportClosed(f"{self.url}: the link is closed ({self._broken_by}); reconnect")
+        self._is_line_due = True
+        try:
+            self._transport.send(line)
+        except TransportError as error:
+            self._break(str(error))
+            raise
+
+    def receive_line(self) -> bytes:
+        """Return the line that answers the one that was sent last.
+
+        The time-out is waited for in five parts, so that a stall of the whole machine, which delays the
+        device's answer too, counts as one of them.
 
         Raises:
             ProtocolError: What came is not one line; the link is broken.
             TransportTimeout: No reply in time; the link is broken.
             TransportClosed: The peer is gone, or the link was broken before.
         """
-        if self._broken_by:
-            raise TransportClosed(f"{self.url}: the link is closed ({self._broken_by}); reconnect")
         try:
-            self._transport.send(line)
-            reply = self._receive_patiently(_PARTS_OF_PATIENCE)
+            try:
+                reply = self._transport.receive(self.timeout_s / _PARTS_OF_PATIENCE)
+            except TransportTimeout:
+                reply = self._receive_patiently(_PARTS_OF_PATIENCE - 1)
             if reply.find(b"\n") != len(reply) - 1:
                 reply = self._complete_line(reply)
         except (TransportError, ProtocolError) as error:
             self._break(str(error))
             raise
+        self._is_line_due = False
         return reply
 
     def exchange_joined(
@@ -198,6 +231,7 @@ class CommandLink:
         with self._in_flight:
             self._transport = transport
             self._decoder = ReplyDecoder(self.dialect)
+            self._is_line_due = False
             self._broken_by = ""
 
     def close(self) -> None:

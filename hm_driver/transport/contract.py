@@ -14,6 +14,12 @@ class LinkStatistics(NamedTuple):
     received_bytes: int
     errors: int
     """Time-outs and failures."""
+    round_trips: int = 0
+    """Messages sent that bytes came back for."""
+    mean_round_trip_s: float = 0.0
+    """From the beginning of a `Transport.send` to the end of the `Transport.receive` behind it [s]."""
+    longest_round_trip_s: float = 0.0
+    last_round_trip_s: float = 0.0
 
 
 class Transport(Protocol):

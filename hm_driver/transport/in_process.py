@@ -1,9 +1,11 @@
 """A peer in the same process: what is sent is handled in the call, so that both sides run in lock-step."""
 
+from time import perf_counter_ns
 from typing import Protocol
 
 from hm_driver.errors import TransportClosed, TransportTimeout
 from hm_driver.transport.contract import LinkStatistics
+from hm_driver.transport.counters import LinkCounters
 
 
 class InProcessPeer(Protocol):
@@ -33,22 +35,12 @@ class InProcessTransport:
         self._handle = peer.handle
         self._answer = b""
         self._is_closed = False
-        self._sent_messages = 0
-        self._received_messages = 0
-        self._sent_bytes = 0
-        self._received_bytes = 0
-        self._errors = 0
+        self._counters = LinkCounters()
 
     @property
     def statistics(self) -> LinkStatistics:
         """What went over the link so far."""
-        return LinkStatistics(
-            self._sent_messages,
-            self._received_messages,
-            self._sent_bytes,
-            self._received_bytes,
-            self._errors,
-        )
+        return self._counters.statistics()
 
     def send(self, data: bytes) -> None:
         """Let the peer handle `data` and keep its answer.
@@ -58,14 +50,14 @@ class InProcessTransport:
         """
         if self._is_closed:
             raise TransportClosed(f"{self.url}: the link is closed; open a new one")
+        started_ns = perf_counter_ns()
         try:
             answer = self._handle(data)
         except TransportClosed:
-            self._errors += 1
+            self._counters.errors += 1
             raise
         self._answer = self._answer + answer if self._answer else answer
-        self._sent_messages += 1
-        self._sent_bytes += len(data)
+        self._counters.sent(len(data), started_ns)
 
     def receive(self, timeout_s: float) -> bytes:
         """Return what the peer answered.
@@ -78,11 +70,10 @@ class InProcessTransport:
             raise TransportClosed(f"{self.url}: the link is closed; open a new one")
         data = self._answer
         if not data:
-            self._errors += 1
+            self._counters.errors += 1
             raise TransportTimeout(f"{self.url}: no byte within {timeout_s:g} s")
         self._answer = b""
-        self._received_messages += 1
-        self._received_bytes += len(data)
+        self._counters.received(len(data))
         return data
 
     def close(self) -> None:

@@ -4,12 +4,15 @@ import socket
 import struct
 import sys
 import threading
+from time import perf_counter_ns
 
 from hm_driver.errors import TransportClosed, TransportError, TransportTimeout
 from hm_driver.transport.contract import LinkStatistics
+from hm_driver.transport.counters import LinkCounters
 from hm_driver.transport.urls import DEFAULT_PORT, DeviceUrl
 
-_CHUNK = 65536
+_CHUNK = 8192
+"""Most bytes that one call takes; a larger block costs its allocation each time."""
 _SHORTEST_WAIT_S = 1e-6
 _WITHOUT_WAITING = getattr(socket, "MSG_DONTWAIT", 0)
 _CLOSING_S = 1.0
@@ -35,23 +38,13 @@ class TcpTransport:
         self._receive_timeout_s = -1.0
         self._in_use = threading.Lock()
         self._is_closed = False
-        self._sent_messages = 0
-        self._received_messages = 0
-        self._sent_bytes = 0
-        self._received_bytes = 0
-        self._errors = 0
+        self._counters = LinkCounters()
         _set_timeout(connected, socket.SO_SNDTIMEO, timeout_s)
 
     @property
     def statistics(self) -> LinkStatistics:
         """What went over the link so far."""
-        return LinkStatistics(
-            self._sent_messages,
-            self._received_messages,
-            self._sent_bytes,
-            self._received_bytes,
-            self._errors,
-        )
+        return self._counters.statistics()
 
     def send(self, data: bytes) -> None:
         """Send all of `data`.
@@ -60,11 +53,12 @@ class TcpTransport:
             TransportTimeout: The peer took nothing in time; the link is closed, as part may have gone.
             TransportClosed: The link is closed, or the peer is gone.
         """
+        started_ns = perf_counter_ns()
         with self._in_use:
             try:
                 self._socket.sendall(data)
             except BlockingIOError as error:
-                self._errors += 1
+                self._counters.errors += 1
                 self._shut_down()
                 raise TransportTimeout(
                     f"{self.url}: the peer took nothing for {self._send_timeout_s:g} s; "
@@ -72,8 +66,7 @@ class TcpTransport:
                 ) from error
             except OSError as error:
                 raise self._gone(error.strerror) from error
-        self._sent_messages += 1
-        self._sent_bytes += len(data)
+        self._counters.sent(len(data), started_ns)
 
     def receive(self, timeout_s: float) -> bytes:
         """Return the next bytes as soon as there are any; never empty.
@@ -88,14 +81,13 @@ class TcpTransport:
                     self._change_timeout(timeout_s)
                 data = self._socket.recv(_CHUNK, 0 if timeout_s > 0.0 else _WITHOUT_WAITING)
             except BlockingIOError as error:
-                self._errors += 1
+                self._counters.errors += 1
                 raise TransportTimeout(f"{self.url}: no byte within {timeout_s:g} s") from error
             except OSError as error:
                 raise self._gone(str(error)) from error
         if not data:
             raise self._gone("the peer closed the connection")
-        self._received_messages += 1
-        self._received_bytes += len(data)
+        self._counters.received(len(data))
         return data
 
     def close(self) -> None:
@@ -120,7 +112,7 @@ class TcpTransport:
     def _gone(self, reason: str | None) -> TransportClosed:
         if self._is_closed:
             return TransportClosed(f"{self.url}: the link is closed; open a new one")
-        self._errors += 1
+        self._counters.errors += 1
         return TransportClosed(f"{self.url}: connection lost: {reason}; reconnect")
 
 

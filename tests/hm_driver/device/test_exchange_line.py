@@ -63,3 +63,19 @@ def test_two_lines_to_one_request_break_the_link():
     with pytest.raises(ProtocolError, match="more than one"):
         link.exchange_line(b"get state\n")
     assert link.is_broken
+
+
+def test_what_goes_on_while_the_device_answers_stands_between_the_halves_of_an_exchange():
+    transport = Pieces(b"stop;\n")
+    link = CommandLink(transport, Dialect.TEXT)
+    link.send_line(b"get state\n")
+    assert (transport.sent, transport.waits) == ([b"get state\n"], [])
+    assert link.receive_line() == b"stop;\n"
+
+
+def test_an_answer_that_nobody_fetched_is_not_taken_for_that_of_the_next_command():
+    transport = Pieces(b"[0,0,0];\n", b"state set to 'stop';\n")
+    link = CommandLink(transport, Dialect.TEXT)
+    link.send_line(b"get measpos\n")
+    assert link.exchange("set state stop") == "state set to 'stop';"
+    assert transport.sent == [b"get measpos\n", b"set state stop\n"]

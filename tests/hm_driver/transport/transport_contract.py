@@ -149,3 +149,13 @@ class TransportContract:
         assert (counted.sent_messages, counted.sent_bytes, counted.received_bytes) == (1, 3, 3)
         assert counted.received_messages >= 1
         assert counted.errors == 1
+
+    def test_statistics_time_the_round_trips(self, make_link):
+        link = make_link(lambda data: [data] if data != b"mute" else [])
+        before = time.monotonic()
+        talk(link, b"abc", times=3)
+        link.send(b"mute")
+        counted = link.statistics
+        assert counted.round_trips == 3
+        assert 0.0 < counted.last_round_trip_s <= counted.longest_round_trip_s < time.monotonic() - before
+        assert 0.0 < counted.mean_round_trip_s <= counted.longest_round_trip_s
