@@ -99,7 +99,7 @@ class LockstepLoop:
             recording=self._recording,
             session_state=options.state,
         )
-        if not is_compiled or options.watch.stale_s or not link.combined:
+        if not is_compiled or not link.combined:
             self._interpret()
 
     def now_ns(self) -> int:
