@@ -59,7 +59,8 @@ class LoopCore:
         trace: Where the timing of each cycle goes, or None.
         law: The user's control law, or None.
         step: The cycle function.
-        keeps_timing: Whether durations are kept; on a virtual clock they are all zero.
+        keeps_timing: Whether durations are kept and stale data looked for; in lock-step durations are all
+            zero, and the device steps before every cycle.
         session_state: Device state that the loop needs; another one trips.
     """
 
@@ -109,7 +110,7 @@ class LoopCore:
         self._commands = EffectCommands(are_springs_ours=parameters[cycle.P_BY_FORCE] > 0.0)
         self._changes: list[str] = []
         self._state_every = max(1, round(STATE_EVERY_S * 1e9 / grid.period_ns))
-        self._stale_limit = int(watch.stale_s * 1e9 / grid.period_ns)
+        self._stale_limit = int(watch.stale_s * 1e9 / grid.period_ns) if keeps_timing else 0
         self._stale_cycles = 0
         self._ramp_end_ns: int | None = None
         self._has_tripped = False

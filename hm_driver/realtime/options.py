@@ -50,8 +50,9 @@ class WatchOptions:
     """Silence of the loop after which the guardian stops the device [s], longer than the device may take."""
     missed_s: float = 0.25
     """Missed periods at once, or in excess of every other one, that trip [s]."""
-    stale_s: float = 0.0
-    """Time without a change in any digit of the measurements that trips [s]."""
+    stale_s: float = 0.07
+    """Time without a change in any digit of the measurements that trips [s]: a force sensor is never still.
+    In lock-step nothing can be stale."""
     ramp_s: float = 0.01
     """Time in which the forces are ramped down after a trip [s]."""
     release_s: float = 1.0

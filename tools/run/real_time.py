@@ -33,7 +33,13 @@ _TICK_PHASE_NS = 500_000
 """Ticks stand in the middle between two cycles of a loop at 1 kHz, so that they meet the newest state."""
 
 
-_OWN_EMULATOR = {"missed_s": 0.0, "freeze_s": 2.0, "heartbeat_s": 2.0, "exchange_timeout_s": 2.0}
+_OWN_EMULATOR = {
+    "missed_s": 0.0,
+    "freeze_s": 2.0,
+    "heartbeat_s": 2.0,
+    "exchange_timeout_s": 2.0,
+    "stale_s": 2.0,
+}
 
 
 class TickClock(WallClock):
