@@ -140,7 +140,7 @@ def _check_between(
         if math.hypot(*velocity) > _REST:
             raise _problem(
                 path, row.line, "vx,vy,vz",
-                f"{math.hypot(*velocity):.3g} m/s; a trajectory begins and ends at rest ({_REST:g} m/s at most)",
+                f"{math.hypot(*velocity):.3g} m/s; it must begin and end at rest ({_REST:g} m/s at most)",
             )  # fmt: skip
     for time_s in trajectory.sample_times():
         speed = math.hypot(*trajectory.at(time_s).velocity)
