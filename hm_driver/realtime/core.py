@@ -189,7 +189,7 @@ class LoopCore:
         self._publisher.log_event(level, name, text)
 
     def _begin_release(self, within_s: float) -> None:
-        self._ramp_end_ns = self._now_ns() + int(within_s * 1e9)
+        self._ramp_end_ns = self._now_ns() + int(within_s * 1e9) - self._grid.period_ns  # no cycle begins later
         sequence = self._s[cycle.S_SEQUENCE]
         self._u = [0.0] * cycle.SETPOINT_SIZE
         self._u[cycle.U_SEQUENCE] = sequence

@@ -53,8 +53,9 @@ class WatchOptions:
     stale_s: float = 0.07
     """Time without a change in any digit of the measurements that trips [s]: a force sensor is never still.
     In lock-step nothing can be stale."""
-    ramp_s: float = 0.01
-    """Time in which the forces are ramped down after a trip [s]."""
+    ramp_s: float = 0.005
+    """Time in which the forces are ramped down after a trip, before the stop [s]; where it is shorter than a
+    period, the stop is sent at once. Each cycle of the ramp is an exchange that a stall can hold up."""
     release_s: float = 1.0
     """Longest time for the gentle release at a requested stop [s]."""
     soft_budget: float = 0.5

@@ -22,7 +22,7 @@ from hm_driver.realtime.shared import SharedBlock
 from hm_driver.realtime.trace import Trace
 from hm_driver.recording.ring import Ring
 
-_GUARDIAN_WAIT_S = 5.0
+_GUARDIAN_WAIT_S = 20.0
 
 
 class StoppedEarlyError(LoopError):
