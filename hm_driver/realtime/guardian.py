@@ -90,7 +90,7 @@ class Guardian:
             if reason:
                 self._stop(reason, now_ns)
                 return
-            if segment.status.has_ended:
+            if segment.status.has_ended or loop_fd in ready:  # a dead process stays readable: do not poll on
                 segment.words[Word.GUARDIAN] = GuardianStatus.ENDED
                 return
 
