@@ -1,5 +1,7 @@
 """The accumulation buffer of eqs. (10) and (11), and learning a batch without delaying a tick."""
 
+from collections import deque
+from collections.abc import Callable
 from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -28,9 +30,13 @@ class Accumulator:
     one that arrives with C < 1 then. Here the sample that fills the buffer also empties it, so that no
     sample meets a full buffer and none is lost. What is left at the end can be had by :meth:`flush`.
 
+    With a hindsight, which is ours, a sample waits before it is collected: what he held just before he
+    changed his mind is not what he wanted, and :meth:`retract` takes it back.
+
     Args:
         n_acc: Number of samples that are collected for an update, N_acc.
         downsample: Keep every how manieth of the collected samples, before they are shuffled; 1 keeps all.
+        hindsight: How many samples may be retracted.
         rng: Random numbers for randperm of eq. (11).
         n_inputs: Number of inputs d.
         n_outputs: Number of outputs m.
@@ -44,6 +50,7 @@ class Accumulator:
         n_acc: int = 1000,
         downsample: int = 1,
         *,
+        hindsight: int = 0,
         rng: np.random.Generator,
         n_inputs: int = 2,
         n_outputs: int = 1,
@@ -51,24 +58,42 @@ class Accumulator:
         for name, value, high in (("n_acc", n_acc, 10_000_000), ("downsample", downsample, n_acc)):
             if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= high:
                 raise ConfigurationError(name, f"{value!r} must be a whole number from 1 to {high}")
-        self.n_acc, self.downsample = n_acc, downsample
+        if isinstance(hindsight, bool) or not isinstance(hindsight, int) or not 0 <= hindsight <= 100_000:
+            raise ConfigurationError("hindsight", f"{hindsight!r} must be a whole number from 0 to 100000")
+        self.n_acc, self.downsample, self.hindsight = n_acc, downsample, hindsight
+        self._waiting: deque[tuple[tuple[float, ...], float | tuple[float, ...]]] = deque()
         self._rng = rng
         self._X, self._Y = np.empty((n_acc, n_inputs)), np.empty((n_acc, n_outputs))
         self._count = 0
 
     @property
     def count(self) -> int:
-        """Number of samples in the buffer."""
+        """Number of samples in the buffer; those that wait are not counted."""
         return self._count
 
-    def add(self, x: tuple[float, ...], y: float | tuple[float, ...], C: float) -> Batch | None:
+    def add(self, x: tuple[float, ...], y: float | tuple[float, ...], C: float = 1.0) -> Batch | None:
         """Collect a sample if C is exactly 1; returns the batch that it completes."""
         if C != 1.0:
             return None
-        self._X[self._count] = x
-        self._Y[self._count] = y
-        self._count += 1
-        return self.flush() if self._count == self.n_acc else None
+        if self.hindsight:
+            self._waiting.append((x, y))
+            if len(self._waiting) <= self.hindsight:
+                return None
+            x, y = self._waiting.popleft()
+        return self._collect(x, y)
+
+    def retract(self) -> int:
+        """Take back the samples that still wait, because of what came after them; returns how many."""
+        retracted = len(self._waiting)
+        self._waiting.clear()
+        return retracted
+
+    def confirm(self) -> Batch | None:
+        """Collect the samples that still wait, as nothing speaks against them; returns a completed batch."""
+        batch = None
+        while self._waiting and batch is None:
+            batch = self._collect(*self._waiting.popleft())
+        return batch
 
     def flush(self, minimum: int = 1) -> Batch | None:
         """Give out what there is, or nothing and keep it if that is fewer than minimum samples."""
@@ -79,9 +104,26 @@ class Accumulator:
         self._count = 0
         return Batch(X[order], Y[order])
 
+    def discard(self, is_unwanted: Callable[[FloatArray], bool]) -> int:
+        """Forget the samples whose input, shape (d,), is unwanted; returns how many."""
+        X = self._X[: self._count]
+        keep = [not is_unwanted(x) for x in X]
+        kept = sum(keep)
+        self._X[:kept], self._Y[:kept] = X[keep], self._Y[: self._count][keep]
+        discarded = self._count - kept + self.retract()
+        self._count = kept
+        return discarded
+
     def clear(self) -> None:
         """Forget what was collected."""
         self._count = 0
+        self._waiting.clear()
+
+    def _collect(self, x: tuple[float, ...], y: float | tuple[float, ...]) -> Batch | None:
+        self._X[self._count] = x
+        self._Y[self._count] = y
+        self._count += 1
+        return self.flush() if self._count == self.n_acc else None
 
 
 class BackgroundUpdate(Generic[L]):

@@ -4,23 +4,32 @@ Pure: it has no clock, no device and no file. A runner feeds it what the loop me
 set-point to the loop, on the wall clock or on a virtual one.
 """
 
+import math
 from collections import deque
-from dataclasses import dataclass
-from enum import Enum, IntEnum
-from typing import NamedTuple
+from enum import IntEnum
+from typing import Final, NamedTuple
 
-from hm_driver.errors import ConfigurationError
 from hm_driver.realtime.setpoint import LoopState, SetPoint
-from teaching.accumulator import Accumulator, BackgroundUpdate, Batch
-from teaching.arbitration import Arbitration, Query, blend
-from teaching.evaluation import coverage
+from teaching.accumulator import Accumulator
+from teaching.arbitration import Arbitration, Observation, Query
+from teaching.correction import CorrectionOptions, Insistence, Region
 from teaching.hands.contract import Seen
 from teaching.hands.paths import Area, Walker, raster
-from teaching.lwr import LWR
+from teaching.session_options import Coupling, ForceFeedback, SessionOptions
+from teaching.skill import Cause, Skill, SkillLearner, Update
 from teaching.task import Task
 
-INTENTION_S = 0.05
+__all__ = ["Cause", "Coupling", "ForceFeedback", "Session", "SessionOptions", "Stage", "Tick", "Update"]
+
+INTENTION_S: Final = 0.05
 """Time constant with which the hand's force enters the estimate of the intention [s]."""
+TICK_S: Final = 0.01
+"""Learning and arbitration run at 100 Hz, as in the paper."""
+LONGEST_STEP_S: Final = 2.0 * TICK_S
+"""What moves by itself does not catch up with what a stalled machine missed: it would have to jump [s]."""
+
+Event = tuple[str, str]
+"""Name and text of what happened."""
 
 
 class Stage(IntEnum):
@@ -36,85 +45,7 @@ class Stage(IntEnum):
     """The autonomous run is over."""
 
 
-class ForceFeedback(Enum):
-    """How the demonstrator learns of the interaction force."""
-
-    VISUAL = "visual"
-    """On the screen: the reading of the paper taken here."""
-    RENDERED = "rendered"
-    """On the screen, and as a bias force on the hand."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SessionOptions:
-    """How a session goes."""
-
-    practice: float = 4.0
-    """Duration of practice before teaching: C = 1, nothing is accumulated [s]."""
-    autonomy_coverage: float = 0.99
-    """Share of the plane with a model, from which on the skill goes on alone; above 1: never by itself."""
-    examination: float = 5.0
-    """How long the demonstrator may examine the skill before the autonomous stage begins [s]."""
-    give_up: float = 300.0
-    """Duration after which teaching ends without having covered the plane [s]."""
-    hand_over: float = 0.3
-    """Least duration of a full change of control [s]. The blend zone of eq. (9) is 4 mm wide, 2 ticks at the
-    speed of the demonstration; C follows eq. (9) no faster than this, and a hand-over takes its time."""
-    samples_per_tick: int = 50
-    """How many samples of an update are learned in a tick."""
-    transient_speed: float = 0.05
-    """Vertical speed of the handle above which no sample is accumulated [m/s]: on his way to a depth after a
-    hand-over, a demonstrator does not demonstrate it. A large value takes every sample, as eq. (10) does."""
-    record_without_contact: bool = False
-    """Whether samples are accumulated while the manipulator does not touch the surface."""
-    depth_limit: float = 0.2
-    """Largest displacement that the skill may command [m]; the arm reaches 0.29 m for the paper's task."""
-    autonomous_speed: float = 0.15
-    """Speed of the manipulator in the autonomous run [m/s]."""
-    autonomous_acceleration: float = 1.0
-    """Acceleration of the manipulator in the autonomous run [m/s^2]."""
-    autonomous_spacing: float = 0.02
-    """Distance of the lines of the autonomous run [m]."""
-    force_feedback: ForceFeedback = ForceFeedback.VISUAL
-    """How the interaction force reaches the hand."""
-    feedback_gain: float = 0.3
-    """Share of the interaction force that is rendered on the hand."""
-
-    def __post_init__(self) -> None:
-        for name in ("practice", "examination", "hand_over", "feedback_gain"):
-            if not 0.0 <= getattr(self, name):
-                raise ConfigurationError(name, f"{getattr(self, name)} must not be negative")
-        for name in (
-            "give_up",
-            "autonomous_speed",
-            "autonomous_acceleration",
-            "autonomous_spacing",
-            "depth_limit",
-            "transient_speed",
-        ):
-            if not 0.0 < getattr(self, name):
-                raise ConfigurationError(name, f"{getattr(self, name)} must be above 0")
-        if not 0.0 < self.autonomy_coverage:
-            raise ConfigurationError("autonomy_coverage", f"{self.autonomy_coverage} must be above 0")
-        if self.hand_over > 10.0:
-            raise ConfigurationError("hand_over", f"{self.hand_over} s must be 0 to 10 s")
-        if self.autonomous_spacing < 0.001:
-            raise ConfigurationError(
-                "autonomous_spacing", f"{self.autonomous_spacing} m must be at least 0.001 m"
-            )
-        if not 1 <= self.samples_per_tick <= 100_000:
-            raise ConfigurationError("samples_per_tick", f"{self.samples_per_tick} must be 1 to 100000")
-
-
-class Update(NamedTuple):
-    """An update of the skill that was swapped in at this tick."""
-
-    number: int
-    """Counts from 1."""
-    learner: LWR
-    """The skill from now on; it is not changed in place."""
-    coverage: float
-    """Share of the plane that it covers."""
+_PRACTICE, _TEACHING, _AUTONOMOUS, _DONE = Stage
 
 
 class Tick(NamedTuple):
@@ -123,13 +54,17 @@ class Tick(NamedTuple):
     stage: Stage
     C: float
     w_max: float
+    std: float
+    """Standard deviation of the prediction [m]; 0 where the arbitration does not ask for it."""
     x: float
     """Manipulator's position on the plane [m]."""
     y: float
     depth: float
-    """Commanded displacement by the handle, z_r below z_a [m]."""
+    """Displacement that commands the manipulator, z_r below z_a: the handle's where it is coupled [m]."""
+    y_handle: float
+    """The handle's [m]; negative above the surface."""
     y_demo: float
-    """The demonstrator's command; an estimate of his intention where C < 1 [m]."""
+    """The demonstrator's command; an estimate of his intention where a spring holds the handle [m]."""
     y_robot: float
     """The skill's command [m]."""
     y_cmd: float
@@ -147,12 +82,12 @@ class Tick(NamedTuple):
     set_point: SetPoint
     seen: Seen
     update: Update | None
-    events: tuple[tuple[str, str], ...]
-    """Name and text of what happened."""
+    """The change of the skill that came into force with this tick; of two the last."""
+    events: tuple[Event, ...]
 
 
 class Session:
-    """One session of teaching by demonstration with binary arbitration.
+    """One session of teaching by demonstration.
 
     Args:
         task: The plane, its objects and how the handle maps onto it.
@@ -162,44 +97,101 @@ class Session:
         accumulator: Buffer of eqs. (10) and (11).
         assist_stiffness: Stiffness of the loop's assist spring [N/m], for the estimate of the intention.
         options: How the session goes.
+        correction: How the human corrects the skill.
     """
 
     def __init__(
         self,
         *,
         task: Task,
-        learner: LWR,
+        learner: SkillLearner,
         arbitration: Arbitration,
         w_th: float,
         accumulator: Accumulator,
         assist_stiffness: float,
         options: SessionOptions,
+        correction: CorrectionOptions | None = None,
     ) -> None:
+        correction = correction or CorrectionOptions()
         self.task = task
-        self.learner = learner
         self.options = options
         self.w_th = w_th
         self.stage = Stage.PRACTICE
-        self.coverage = 0.0
-        self.updates = 0
         self.hand_overs = 0
+        self.button = False
+        """Whether the human's button is down; anybody who sees it may set it."""
         self._arbitration = arbitration
         self._accumulator = accumulator
+        self._skill = Skill(
+            learner,
+            task,
+            arbitration,
+            w_th=w_th,
+            samples_per_tick=options.samples_per_tick,
+            undo_steps=correction.undo_steps,
+        )
+        self._correction = correction
+        self._insistence = Insistence(correction)
         self._assist_compliance = task.scale[2] / assist_stiffness
-        self._batches: deque[Batch] = deque()
-        self._pending: BackgroundUpdate[LWR] | None = None
+        self._needs_std = arbitration.needs_std
+        self._observes = arbitration.is_stateful
+        self._is_gradual = arbitration.is_gradual
+        self._is_uncoupled = options.coupling is Coupling.UNCOUPLED
+        self._is_rendered = options.force_feedback is ForceFeedback.RENDERED
         self._walker: Walker | None = None
         self._push = 0.0
         self._time = 0.0
-        self._covered_at: float | None = None
+        self._mastered_at: float | None = None
         self._C = 1.0
+        self._y_robot = 0.0
+        self._kept = self._fade = 0.0
+        self._held = 0.0
+        self._settling = 0.0
+        self._was_pressed = False
+        self._releases_button = False
         self._last_y_cmd: float | None = None
         self._sequence = 0.0
         self._requested_autonomy = False
+        self._asked: deque[tuple[str, Region | None]] = deque()
+
+    @property
+    def learner(self) -> SkillLearner:
+        """The skill in use."""
+        return self._skill.learner
+
+    @property
+    def coverage(self) -> float:
+        """Share of the plane that it covers."""
+        return self._skill.coverage
+
+    @property
+    def updates(self) -> int:
+        """Batches learned."""
+        return self._skill.updates
 
     def request_autonomy(self) -> None:
         """Let the skill go on alone from the next tick, as the user may decide at any time."""
         self._requested_autonomy = True
+
+    def forget(self, region: Region | None = None) -> None:
+        """Remove the models of a region with the next tick, and what was demonstrated there.
+
+        Args:
+            region: What to forget; None for the place where the manipulator is then.
+        """
+        self._asked.append(("forget", region))
+
+    def forget_all(self) -> None:
+        """Remove every model with the next tick, and all that was demonstrated."""
+        self._asked.append(("forget all", None))
+
+    def undo(self) -> None:
+        """Take the last change of the skill back with the next tick: an update, or what was forgotten."""
+        self._asked.append(("undo", None))
+
+    def discard(self) -> None:
+        """Throw away with the next tick what was demonstrated and is not yet being learned."""
+        self._asked.append(("discard", None))
 
     def tick(self, measured: LoopState, dt: float) -> Tick:
         """Decide by what was measured.
@@ -211,128 +203,219 @@ class Session:
         Returns:
             The set-point for the loop, and what the log and the demonstrator get to know.
         """
-        task = self.task
+        task, options, skill = self.task, self.options, self._skill
         self._time += dt
+        step = min(dt, LONGEST_STEP_S)
         events = self._advance_stage()
-        x, y, z = task.to_manipulator(measured.measured_x, measured.measured_y, measured.measured_z)
-        contact = task.contact(x, y, z)
-        depth = task.surface_z - z
-        y_robot, w_max = self.learner.query(x, y)
-        wanted = self._control_factor(y_robot, w_max)
-        step = dt / self.options.hand_over if self.options.hand_over > 0.0 else 1.0
-        C = min(self._C + step, max(self._C - step, wanted))
-        if (C > 0.5) != (self._C > 0.5):
-            self.hand_overs += 1
-            events.append(("hand-over", "the human is in control" if C > 0.5 else "the skill is in control"))
-        self._C = C
+        stage = self.stage
+        is_teaching = stage is _TEACHING
+        handle = (measured.measured_x, measured.measured_y, measured.measured_z)
+        x, y, z = task.to_manipulator(*handle)
+        y_handle = task.surface_z - z
+        change = self._correct(x, y, events) if self._asked else None
+        std = 0.0
+        if self._needs_std:
+            y_robot, w_max, std = skill.learner.query_std(x, y)
+        else:
+            y_robot, w_max = skill.learner.query(x, y)
+        if is_teaching:
+            wanted = self._arbitration.factor(Query(y_robot, w_max, std, x, y)) if self._held <= 0.0 else 1.0
+        else:
+            wanted = 1.0 if stage is _PRACTICE else 0.0
+        y_robot = min(max(y_robot, 0.0), options.depth_limit)
+        before = self._C
+        rate = step / options.hand_over if options.hand_over > 0.0 else 1.0
+        C = self._C = min(before + rate, max(before - rate, wanted))
+        if C != before:
+            self._hand_over(before, C, events)
         self._push += dt / (dt + INTENTION_S) * (measured.force_z - self._push)
-        y_demo = max(0.0, depth if C == 1.0 else depth - self._push * self._assist_compliance)
-        y_robot = min(max(y_robot, 0.0), self.options.depth_limit)
-        y_cmd = blend(C, y_demo, y_robot)
-        recorded = self._accumulate(C, x, y, depth, measured.velocity_z)
-        update = self._learn()
+        is_free = C == 1.0 or (self._is_uncoupled and stage <= _TEACHING)
+        y_demo = max(0.0, y_handle if is_free else y_handle - self._push * self._assist_compliance)
+        if self._fade > 0.0:
+            y_robot = self._keep(y_robot, rate, before, C)
+        self._y_robot = y_robot
+        y_cmd = C * y_demo + (1.0 - C) * y_robot
+        depth = C * y_handle + (1.0 - C) * y_robot if self._is_uncoupled else y_handle
+        _, _, force, stiffness = task.contact(x, y, task.surface_z - depth if self._is_uncoupled else z)
+        surface = task.object_at(x, y)
+        recorded = False
+        if is_teaching:
+            is_fit = surface >= 0 and self._is_fit(y_handle, measured.velocity_z, dt)
+            if is_fit and (C == 1.0 or (self._is_gradual and C > 0.0)):
+                recorded = True
+                batch = self._accumulator.add((x, y), y_demo)
+                if batch is not None:
+                    skill.learn(batch)
+            if self._observes:
+                is_fit = is_fit and (is_free or C > 0.0)
+                self._observe(Observation(x, y, y_demo, y_robot, C, force, is_fit, self.button,
+                                          skill.learner.n_models > 0, dt), events)  # fmt: skip
+            if self._insistence.is_possible:
+                self._feel(x, y, C, dt, events)
+        update = skill.step()
         if update is not None:
-            events.append(("update", f"update {update.number}: coverage {100.0 * update.coverage:.1f} %"))
+            change = self._take_over(update, C, events)
+        self._sequence += 1.0
         return Tick(
-            self.stage,
+            stage,
             C,
             w_max,
+            std,
             x,
             y,
             depth,
+            y_handle,
             y_demo,
             y_robot,
             y_cmd,
-            contact.force,
-            contact.stiffness,
+            force,
+            stiffness,
             self._accumulator.count,
             recorded,
-            self._pending is not None,
-            self._set_point(x, y, y_cmd, C, contact.force, dt),
-            Seen(
-                (measured.measured_x, measured.measured_y, measured.measured_z),
-                x,
-                y,
-                depth,
-                contact.force,
-                C,
-                task.object_at(x, y),
-                self.stage >= Stage.AUTONOMOUS,
-            ),
-            update,
+            skill.is_learning,
+            self._set_point(x, y, y_cmd, C, force, dt, step),
+            Seen(handle, x, y, depth, force, C, surface, stage >= _AUTONOMOUS),
+            change,
             tuple(events),
         )
 
-    def _advance_stage(self) -> list[tuple[str, str]]:
+    def _advance_stage(self) -> list[Event]:
         options = self.options
         before = self.stage
-        if self.stage is Stage.PRACTICE and self._time > options.practice:
-            self.stage = Stage.TEACHING
-        if self.stage <= Stage.TEACHING:
-            is_covered = self._covered_at is not None and self._time - self._covered_at >= options.examination
-            if is_covered or self._requested_autonomy or self._time > options.practice + options.give_up:
-                self.stage = Stage.AUTONOMOUS
-        elif self.stage is Stage.AUTONOMOUS and self._walker is not None and self._walker.is_done:
-            self.stage = Stage.DONE
-        return (
-            [("stage", self.stage.name.lower())] if self.stage is not before or self._sequence == 0.0 else []
-        )
+        if self.stage is _PRACTICE and self._time > options.practice:
+            self.stage = _TEACHING
+        if self.stage <= _TEACHING:
+            mastered_at = self._mastered_at
+            is_ready = mastered_at is not None and self._time - mastered_at >= options.examination
+            if is_ready or self._requested_autonomy or self._time > options.practice + options.give_up:
+                self.stage = _AUTONOMOUS
+        elif self.stage is _AUTONOMOUS and self._walker is not None and self._walker.is_done:
+            self.stage = _DONE
+        if self.stage is before and self._sequence > 0.0:
+            return []
+        return [("stage", self.stage.name.lower())]
 
-    def _control_factor(self, y_robot: float, w_max: float) -> float:
-        if self.stage is Stage.PRACTICE:
-            return 1.0
-        if self.stage is Stage.TEACHING:
-            return self._arbitration.factor(Query(y_robot, w_max))
-        return 0.0
+    def _hand_over(self, before: float, C: float, events: list[Event]) -> None:
+        """Note that control changes; with the human's, a batch may end or a take-over begin."""
+        if (C > 0.5) != (before > 0.5):
+            self.hand_overs += 1
+            events.append(("hand-over", "the human is in control" if C > 0.5 else "the skill is in control"))
+        least = 0.0 if self._is_gradual else math.nextafter(1.0, 0.0)
+        if C > least >= before:
+            self._settling = self.options.settling
+        elif before > least >= C:
+            while (batch := self._accumulator.confirm()) is not None:
+                self._skill.learn(batch)
+            if self.options.flush and (batch := self._accumulator.flush(self.options.flush)) is not None:
+                self._skill.learn(batch)
 
-    def _accumulate(self, C: float, x: float, y: float, depth: float, velocity: float) -> bool:
-        if self.stage is not Stage.TEACHING or C != 1.0:
-            return False
+    def _is_fit(self, y_handle: float, velocity: float, dt: float) -> bool:
+        """Whether what the handle does is a demonstration: in contact, and no way to somewhere else."""
         if abs(velocity) > self.options.transient_speed:
+            self._accumulator.retract()
             return False
-        if self.task.object_at(x, y) < 0 or not (self.options.record_without_contact or depth > 0.0):
+        if self._settling > 0.0:
+            self._settling -= dt
             return False
-        batch = self._accumulator.add((x, y), max(0.0, depth), C)
-        if batch is not None:
-            self._batches.append(batch)
-        return True
+        return self.options.record_without_contact or y_handle > 0.0
 
-    def _learn(self) -> Update | None:
-        """Learn a share of the pending update; a finished one replaces the skill in whole."""
-        if self._pending is None:
-            if not self._batches:
-                return None
-            batch = self._batches.popleft()
-            self._pending = BackgroundUpdate(self.learner.copy(), *batch, self.options.samples_per_tick)
-        learned = self._pending.step()
-        if learned is None:
-            return None
-        self._pending = None
-        self.learner = learned
-        self.updates += 1
-        self.coverage = coverage(learned, self.task, self.w_th)
-        if self._covered_at is None and self.coverage >= self.options.autonomy_coverage:
-            self._covered_at = self._time
-        return Update(self.updates, learned, self.coverage)
+    def _observe(self, observation: Observation, events: list[Event]) -> None:
+        if self.button is not self._was_pressed:
+            self._was_pressed = self.button
+            events.append(("button", "the human's button is " + ("down" if self.button else "up")))
+        self._arbitration.observe(observation)
 
-    def _set_point(self, x: float, y: float, y_cmd: float, C: float, force: float, dt: float) -> SetPoint:
-        task, options = self.task, self.options
-        self._sequence += 1.0
-        assist = 1.0 if C == 1.0 and self.stage <= Stage.TEACHING else 0.0
-        engage_z = 1.0 if C < 1.0 and self.stage is not Stage.DONE else 0.0
-        rendered = options.force_feedback is ForceFeedback.RENDERED and self.stage <= Stage.TEACHING
-        bias_z = options.feedback_gain * force if rendered else 0.0
+    def _feel(self, x: float, y: float, C: float, dt: float, events: list[Event]) -> None:
+        """Give control back to a human who insists, and forget what he insists against."""
+        self._held = max(0.0, self._held - dt)
+        is_robot = C < 0.5 and not self._is_uncoupled
+        if self._insistence.step(self._push, dt, is_robot=is_robot):
+            events.append(("insist", f"the human pushed against the skill with {abs(self._push):.1f} N"))
+            self._asked.append(("forget", Region(x, y, self._correction.radius)))
+            self._held = self._correction.hold
+            self._releases_button = self._releases_button or not self.button
+            self.button = True
+
+    def _correct(self, x: float, y: float, events: list[Event]) -> Update | None:
+        """Do what the human asked for, in the order in which he did."""
+        change = None
+        while self._asked:
+            kind, region = self._asked.popleft()
+            if self.stage > _TEACHING:
+                events.append((kind, "not in the autonomous run: nothing was changed"))
+            elif kind == "undo":
+                undone = self._skill.undo()
+                if undone is None:
+                    events.append((kind, "there is nothing to undo"))
+                else:
+                    events.append((kind, f"undid {undone[1]}: coverage {100.0 * undone[0].coverage:.1f} %"))
+                    change = self._take_over(undone[0], self._C, events)
+            elif kind == "discard":
+                discarded = self._accumulator.discard(lambda _: True)
+                events.append((kind, f"{discarded} samples were thrown away"))
+            else:
+                if kind == "forget":
+                    region = region or Region(x, y, self._correction.radius)
+                forgotten = self._forget(region, kind, events)
+                change = forgotten or change
+        return change
+
+    def _forget(self, region: Region | None, kind: str, events: list[Event]) -> Update | None:
+        if region is None:
+            place = "everywhere"
+            self._arbitration.reset()
+            dropped = self._accumulator.discard(lambda _: True)
+        else:
+            place = f"about x = {region.x:.3f} m, y = {region.y:.3f} m"
+            self._arbitration.forget(*region)
+            dropped = self._accumulator.discard(lambda at: region.contains(at[0], at[1]))
+        change, removed = self._skill.forget(region)
+        text = f"{removed} models and {dropped} samples {place}: coverage {100.0 * self.coverage:.1f} %"
+        events.append((kind, text))
+        return None if change is None else self._take_over(change, self._C, events)
+
+    def _take_over(self, update: Update, C: float, events: list[Event]) -> Update:
+        """Go on with another skill, from the command of the one before."""
+        if C < 1.0:
+            self._kept, self._fade = self._y_robot, 1.0
+        if update.cause is Cause.UPDATE:
+            events.append(("update", f"update {update.number}: coverage {100.0 * update.coverage:.1f} %"))
+            if self._releases_button:
+                self.button = self._releases_button = False
+        if self._skill.mastery < self.options.autonomy_coverage:
+            self._mastered_at = None
+        elif self._mastered_at is None:
+            self._mastered_at = self._time
+        return update
+
+    def _keep(self, y_robot: float, rate: float, before: float, C: float) -> float:
+        """The skill's command, faded in from the one before, which stays while control leaves the skill."""
+        if C <= before:
+            self._fade = max(0.0, self._fade - rate)
+        if C == 1.0:
+            self._fade = 0.0
+        return self._fade * self._kept + (1.0 - self._fade) * y_robot
+
+    def _set_point(
+        self, x: float, y: float, y_cmd: float, C: float, force: float, dt: float, step: float
+    ) -> SetPoint:
+        task, stage = self.task, self.stage
+        is_led = stage <= _TEACHING
+        is_free = C == 1.0 or (self._is_uncoupled and is_led)
+        assist = 1.0 if is_free and is_led else 0.0
+        engage_z = 0.0 if is_free or stage is _DONE else 1.0
+        bias_z = self.options.feedback_gain * force if self._is_rendered and is_led else 0.0
         slope = 0.0 if self._last_y_cmd is None else (y_cmd - self._last_y_cmd) / dt
         self._last_y_cmd = y_cmd if engage_z else None
-        target_x, target_y = x, y
+        sx, sy, sz = task.scale
         velocity_x = velocity_y = engage_xy = 0.0
-        if self.stage is Stage.AUTONOMOUS:
+        if stage is _AUTONOMOUS:
             if self._walker is None:
                 self._walker = self._autonomous_path(x, y)
-            target_x, target_y = self._walker.step(dt)
+            x, y = self._walker.step(step)
             velocity_x, velocity_y = self._walker.velocity
             engage_xy = 1.0
-        hx, hy, hz = task.to_handle(target_x, target_y, task.surface_z - y_cmd)
+        hx, hy, hz = task.to_handle(x, y, task.surface_z - y_cmd)
         return SetPoint(
             self._sequence,
             assist,
@@ -342,9 +425,9 @@ class Session:
             hx,
             hy,
             hz,
-            velocity_x / task.scale[0],
-            velocity_y / task.scale[1],
-            -slope / task.scale[2],
+            velocity_x / sx,
+            velocity_y / sy,
+            -slope / sz,
             0.0,
             0.0,
             bias_z,

@@ -44,7 +44,7 @@ class SessionLog:
             tick.y_demo,
             tick.y_robot,
             tick.y_cmd,
-            max(0.0, tick.depth),
+            max(0.0, tick.y_handle),
             tick.force,
             self._reference_force,
             tick.stiffness,

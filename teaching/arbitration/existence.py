@@ -1,43 +1,15 @@
-"""Who is in control: eqs. (8) and (9) of the paper."""
+"""The paper's arbitration by the existence of models, eq. (9), and ours by existence and confidence."""
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
 
 from hm_driver.errors import ConfigurationError
-
-
-class Query(NamedTuple):
-    """What the learner says at the manipulator's present position."""
-
-    y_robot: float
-    """Prediction of eq. (1)."""
-    w_max: float
-    """Largest activation."""
-    std: float = 0.0
-    """Standard deviation of the prediction; only :class:`ConfidenceArbitration` asks for it."""
-
-
-class Arbitration(Protocol):
-    """Decides the share of the human.
-
-    An implementer is pure or keeps only what it is given: no clock, no random state. The factor is between
-    0 and 1, finite, and exactly 1 where the human alone is in control, because only then is learned.
-    """
-
-    @property
-    def w_th(self) -> float:
-        """Activation from which a spot counts as covered by a model."""
-        ...
-
-    def factor(self, query: Query) -> float:
-        """Control factor C: 1 gives the human control, 0 the learned skill."""
-        ...
+from teaching.arbitration.contract import Arbitration, Query
 
 
 @dataclass(frozen=True, slots=True)
-class ExistenceArbitration:
-    """Control goes to the skill wherever a local model exists: eq. (9).
+class ExistenceArbitration(Arbitration):
+    """Control goes to the skill wherever a local model exists: eq. (9) of the paper, to the letter.
 
     Raises:
         ConfigurationError: The blend zone does not lie between 0 and 1.
@@ -58,13 +30,18 @@ class ExistenceArbitration:
                 f"{self.d:g} must be at least 0 and below {limit:g}: w_th -+ d/2 must lie within 0 to 1",
             )
 
+    @property
+    def w_free(self) -> float:
+        """Activation below which eq. (9) is 1."""
+        return self.w_th - 0.5 * self.d
+
     def factor(self, query: Query) -> float:
         """Control factor C of eq. (9)."""
         return control_factor(query.w_max, w_th=self.w_th, d=self.d)
 
 
 @dataclass(frozen=True, slots=True)
-class ConfidenceArbitration:
+class ConfidenceArbitration(Arbitration):
     """Control goes to the skill where a model exists **and** is confident: ours, not the paper's.
 
     A model exists on both sides of a border long before both are learned, so that existence alone gives the
@@ -93,6 +70,16 @@ class ConfidenceArbitration:
                 "doubt_width", f"{self.doubt_width:g} must be at least 0 and at most {limit:g}"
             )
 
+    @property
+    def w_free(self) -> float:
+        """Activation below which eq. (9) is 1."""
+        return self.w_th - 0.5 * self.d
+
+    @property
+    def needs_std(self) -> bool:
+        """It does: doubt is judged by it."""
+        return True
+
     def factor(self, query: Query) -> float:
         """The larger of eq. (9) and its mirror image in the relative standard deviation."""
         existence = control_factor(query.w_max, w_th=self.w_th, d=self.d)
@@ -104,19 +91,15 @@ class ConfidenceArbitration:
 def control_factor(w_max: float, *, w_th: float, d: float) -> float:
     """Control factor C of eq. (9): exactly 1 below w_th - d/2, exactly 0 from w_th + d/2, a cosine between.
 
-    For d = 0 it is the switch that eq. (9) tends to: 1 below w_th and 0 from there.
+    For d = 0 it is the switch that eq. (9) tends to: 1 below w_th and 0 from there. What is no number counts
+    as no activation.
     """
     low = w_th - 0.5 * d
-    if w_max < low:
+    if not w_max >= low:
         return 1.0
     if w_max >= w_th + 0.5 * d:
         return 0.0
     return 0.5 * (1.0 + math.cos(math.pi * (w_max - low) / d))
-
-
-def blend(C: float, y_demo: float, y_robot: float) -> float:
-    """Command y_cmd of eq. (8)."""
-    return C * y_demo + (1.0 - C) * y_robot
 
 
 def check_thresholds(*, w_th: float, d: float, w_gen: float) -> list[str]:
