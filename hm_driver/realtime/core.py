@@ -1,8 +1,9 @@
 """One cycle of the loop, the same in the real-time process and in lock-step.
 
-A cycle waits for its deadline, exchanges with the device (the changes that the cycle before computed, then
-the questions), runs the cycle function of the modes and their limits, and publishes. It owns no clock, socket
-or memory: all of them are handed to it.
+A cycle waits for its deadline, sends the changes that the cycle before computed and the questions, reads
+the answers, runs the cycle function of the modes and their limits, and publishes. While the device answers,
+what is not urgent is done: the records and statistics of the cycle before, and a look around. It owns no
+clock, socket or memory: all of them are handed to it.
 """
 
 from typing import Protocol
@@ -105,7 +106,6 @@ class LoopCore:
         self._session_state = session_state
         self._s = [0.0] * cycle.STATE_SIZE
         self._u = [0.0] * cycle.SETPOINT_SIZE
-        self._m = [0.0] * cycle.MEASUREMENT_SIZE
         self._last_good = [0.0] * cycle.MEASUREMENT_SIZE
         self._commands = EffectCommands(are_springs_ours=parameters[cycle.P_BY_FORCE] > 0.0)
         self._changes: list[str] = []
@@ -136,7 +136,7 @@ class LoopCore:
         """Go on where another loop on the same grid and segment stands; before the first cycle."""
         self._s[:] = checkpoint.state
         self._u[:] = checkpoint.set_point
-        self._m[:] = self._last_good[:] = checkpoint.measurement
+        self._last_good = list(checkpoint.measurement)
         self._changes = checkpoint.changes
         self._commands.resume(checkpoint.told, checkpoint.enabled, checkpoint.bias)
         self._exchange.requests = checkpoint.cycles
@@ -150,24 +150,35 @@ class LoopCore:
 
         Returns:
             False when the loop is over: stopped or tripped, with the forces ramped down. The caller then
-            stops the device, over this link if ``is_link_usable``.
+            stops the device, over this link if ``is_link_usable``, and calls `finish`.
         """
-        grid = self._grid
+        grid, exchange, publisher, now_ns = self._grid, self._exchange, self._publisher, self._now_ns
         grid.wait()
-        self._words[_LOOP_HEARTBEAT] = wake_ns = grid.wake_ns
-        if self._ramp_end_ns is None:
-            self._look_around()
-        exchange, m = self._exchange, self._m
-        started_ns = self._now_ns() if self._keeps_timing else wake_ns
+        self._words[_LOOP_HEARTBEAT] = grid.wake_ns
+        asks_state = not grid.cycles % self._state_every
+        started_ns = now_ns()
         try:
-            exchange.run(self._changes, m, ask_state=not grid.cycles % self._state_every)
+            exchange.begin(self._changes, ask_state=asks_state)
         except HapticMasterError as error:
             return self._fail_exchange(error)
-        exchange_ns = self._now_ns() - started_ns if self._keeps_timing else 0
+        publisher.keep()
+        if self._ramp_end_ns is None:
+            self._look_around()
+        try:
+            m = exchange.finish()
+        except HapticMasterError as error:
+            return self._fail_exchange(error)
+        exchange_ns = now_ns() - started_ns
         dt = grid.dt_ns * 1e-9
-        self._compute(dt)
-        self._publisher.publish(self._s, m, dt, exchange_ns, exchange.requests)
-        return self._ramp_end_ns is None or not (self._is_released() or self._now_ns() >= self._ramp_end_ns)
+        if asks_state and exchange.state != self._session_state:
+            self._lose_state(exchange.state)
+        self._compute(m, dt)
+        publisher.publish(self._s, self._last_good, dt, exchange_ns, exchange.requests)
+        return self._ramp_end_ns is None or not (self._is_released() or now_ns() >= self._ramp_end_ns)
+
+    def finish(self) -> None:
+        """Leave the records and statistics of the last cycle; behind it the counts add up."""
+        self._publisher.keep()
 
     def stop(self) -> None:
         """Begin the gentle release: the forces go down at the rate of every hand-over."""
@@ -189,7 +200,9 @@ class LoopCore:
         self._publisher.log_event(level, name, text)
 
     def _begin_release(self, within_s: float) -> None:
-        self._ramp_end_ns = self._now_ns() + int(within_s * 1e9) - self._grid.period_ns  # no cycle begins later
+        self._ramp_end_ns = (
+            self._now_ns() + int(within_s * 1e9) - self._grid.period_ns
+        )  # no cycle begins later
         sequence = self._s[cycle.S_SEQUENCE]
         self._u = [0.0] * cycle.SETPOINT_SIZE
         self._u[cycle.U_SEQUENCE] = sequence
@@ -227,38 +240,40 @@ class LoopCore:
         self._changes = []
         return not was_stopping
 
-    def _compute(self, dt: float) -> None:
+    def _compute(self, m: list[float], dt: float) -> None:
         """Run the law, the cycle function and the checks; leaves the changes for the next exchange."""
-        exchange, m = self._exchange, self._m
-        if exchange.state and exchange.state != self._session_state and not self.is_stopping:
-            self.trip(
-                Trip.DEVICE,
-                f"the device left state '{self._session_state}' for '{exchange.state}': "
-                "look at the emergency button, then initialise again",
-            )
         u = self._u
         if self._law is not None and not self.is_stopping:
             u = self._run_law(self._law, dt)
         trip = self._step(self._s, self._p, u, m, dt)
-        if trip != cycle.OK:
-            self._trip_limit(trip, dt)
+        if trip:
+            m = self._trip_limit(trip, m, dt)
         elif self._stale_limit:
-            self._watch_staleness()
-        self._last_good[:] = m
+            self._watch_staleness(m)
+        self._last_good = m
         self._changes = self._commands.changes(self._s)
 
-    def _trip_limit(self, code: int, dt: float) -> None:
-        m = self._m
+    def _lose_state(self, state: str) -> None:
+        if not self.is_stopping:
+            self.trip(
+                Trip.DEVICE,
+                f"the device left state '{self._session_state}' for '{state}': "
+                "look at the emergency button, then initialise again",
+            )
+
+    def _trip_limit(self, code: int, m: list[float], dt: float) -> list[float]:
+        """Trip; returns the measurement that the ramp goes on with, the last that was one."""
         reason, text = _LIMITS[code]
         if not self.is_stopping:
             values = ", ".join("[%g, %g, %g]" % tuple(m[i : i + 3]) for i in (0, 3, 6))  # noqa: UP031  # short
             self.trip(reason, f"{text}; position [m], velocity [m/s], force [N]: {values}")
-        if code == cycle.TRIP_DATA:  # the ramp goes on with the last measurement that was one
-            m[:] = self._last_good
+        if code == cycle.TRIP_DATA:
+            m = self._last_good
             self._step(self._s, self._p, self._u, m, dt)
+        return m
 
-    def _watch_staleness(self) -> None:
-        self._stale_cycles = self._stale_cycles + 1 if self._m == self._last_good else 0
+    def _watch_staleness(self, m: list[float]) -> None:
+        self._stale_cycles = self._stale_cycles + 1 if m == self._last_good else 0
         if self._stale_cycles > self._stale_limit:
             self.trip(
                 Trip.DEVICE,

@@ -76,6 +76,7 @@ class Grid:
     __slots__ = (
         "_clock",
         "_first",
+        "_now_ns",
         "_spin",
         "_start_ns",
         "cycles",
@@ -100,6 +101,7 @@ class Grid:
         spin: SpinMargin | None = None,
     ) -> None:
         self._clock = clock
+        self._now_ns = clock.now_ns
         self._spin = spin
         self._start_ns = start_ns
         self.period_ns = period_ns
@@ -142,39 +144,45 @@ class Grid:
 
     def wait(self) -> int:
         """Wait for the next deadline; returns the number of periods that had to be skipped."""
-        clock = self._clock
         start_ns = self._start_ns
         if start_ns is None:
-            start_ns = self._start_ns = clock.now_ns()
+            start_ns = self._start_ns = self._now_ns()
         period_ns = self.period_ns
         target = self.index + 1
         target_ns = start_ns + target * period_ns
-        now_ns = clock.now_ns()
+        now_ns = self._now_ns()
         if now_ns < target_ns:
-            now_ns = self._sleep(target_ns, now_ns)
-        index = (now_ns - start_ns) // period_ns
-        skipped = index - target
+            if self._spin is None:
+                self._clock.sleep_until_ns(target_ns)
+                now_ns = self._now_ns()
+            else:
+                now_ns = self._sleep_and_spin(self._spin, target_ns, now_ns)
+        self.lateness_ns = lateness_ns = now_ns - target_ns
+        if lateness_ns < period_ns:
+            self.skipped = skipped = 0
+            self.deadline_ns = target_ns
+        else:
+            self.skipped = skipped = lateness_ns // period_ns
+            self.missed += skipped
+            target += skipped
+            self.deadline_ns = target_ns + skipped * period_ns
         if self.cycles:
             self.dt_ns = now_ns - self.wake_ns
         self.wake_ns = now_ns
-        self.lateness_ns = now_ns - target_ns
-        self.deadline_ns = start_ns + index * period_ns
-        self.index = index
+        self.index = target
         self.cycles += 1
-        self.skipped = skipped
-        self.missed += skipped
         return skipped
 
-    def _sleep(self, target_ns: int, now_ns: int) -> int:
+    def _sleep_and_spin(self, spin: SpinMargin, target_ns: int, now_ns: int) -> int:
         clock = self._clock
-        spin = self._spin
-        if spin is None or spin.margin_ns == 0:
+        margin_ns = spin.margin_ns
+        if margin_ns == 0:
             clock.sleep_until_ns(target_ns)
-            return clock.now_ns()
-        asked_ns = target_ns - spin.margin_ns
+            return self._now_ns()
+        asked_ns = target_ns - margin_ns
         if now_ns < asked_ns:
             clock.sleep_until_ns(asked_ns)
-            now_ns = clock.now_ns()
+            now_ns = self._now_ns()
             spin.observe(now_ns - asked_ns)
         if now_ns < target_ns:
             self.spun_ns += target_ns - now_ns

@@ -12,6 +12,7 @@ virtual mass, whose velocity is known exactly; the measured one is the noisy dif
 STATE_QUESTION = "get state"
 TAILS = ("; ".join(QUESTIONS) + "\n", "; ".join((*QUESTIONS, STATE_QUESTION)) + "\n")
 """How each combined request ends: without and with the question for the state."""
+_TAILS = tuple(tail.encode() for tail in TAILS)
 _ERROR_MARK = ERROR_MARK.encode()
 
 
@@ -28,13 +29,17 @@ class CycleLink(Protocol):
         """Send a command and return its reply; raises `hm_driver.errors.DeviceError` where it is refused."""
         ...
 
-    def exchange_line(self, line: bytes) -> bytes:
-        """Send a line of the text dialect, return the line that answers it, refusals included."""
+    def send_line(self, line: bytes) -> None:
+        """Send a line of the text dialect."""
+        ...
+
+    def receive_line(self) -> bytes:
+        """Return the line that answers the one sent last, refusals included."""
         ...
 
 
-def parse_measurement(text: bytes, measurement: list[float]) -> None:
-    """Read ``x,y,z];[x,y,z];[x,y,z``, without the outer brackets, into nine floats in place.
+def parse_measurement(text: bytes) -> list[float]:
+    """Read ``x,y,z];[x,y,z];[x,y,z``, without the outer brackets, as nine floats.
 
     Infinities and NaN pass: the cycle function trips on them.
 
@@ -42,42 +47,69 @@ def parse_measurement(text: bytes, measurement: list[float]) -> None:
         ProtocolError: Anything but three vectors of three numbers.
     """
     try:
-        values = list(map(float, text.replace(b"];[", b",").split(b",")))
+        position, velocity, force = text.split(b"];[")
+        x, y, z = position.split(b",")
+        vx, vy, vz = velocity.split(b",")
+        fx, fy, fz = force.split(b",")
+        return [
+            float(x), float(y), float(z), float(vx), float(vy), float(vz), float(fx), float(fy), float(fz)
+        ]  # fmt: skip
     except ValueError:
-        values = []
-    if len(values) != 9 or text.count(b"];[") != 2:
         shown = text[:100].decode(errors="replace")
-        raise ProtocolError(f"'[{shown}]' is not [x,y,z];[x,y,z];[x,y,z]", received=shown)
-    measurement[:] = values
+        raise ProtocolError(f"'[{shown}]' is not [x,y,z];[x,y,z];[x,y,z]", received=shown) from None
 
 
 class Exchange:
-    """One cycle's exchange.
+    """One cycle's exchange, in two halves: what is between them goes on while the device answers.
 
     A link that combines takes one request: the changes, then the questions. Otherwise each command is a
-    request of its own.
+    request of its own, and all of them belong to the second half.
 
     Args:
         link: Connection of the loop.
     """
 
-    __slots__ = ("_is_combined", "_link", "requests", "state")
+    __slots__ = (
+        "_asks_state",
+        "_changes",
+        "_is_combined",
+        "_line",
+        "_link",
+        "requests",
+        "state",
+    )
 
     def __init__(self, link: CycleLink) -> None:
         self._link = link
         self._is_combined = link.combined
+        self._changes: list[str] = []
+        self._asks_state = False
+        self._line = b""
         self.requests = 0
         """Requests sent so far."""
         self.state = ""
         """The device's state, as last asked."""
 
-    def run(self, changes: list[str], measurement: list[float], *, ask_state: bool = False) -> None:
-        """Send the changes, ask for the measurements, and read them into ``measurement``.
+    def begin(self, changes: list[str], *, ask_state: bool = False) -> None:
+        """Send the changes and the questions.
 
         Args:
             changes: Set-commands.
-            measurement: Nine floats, changed in place.
             ask_state: Whether to ask for the device's state too.
+
+        Raises:
+            TransportError: The device takes nothing, or the link is cut.
+        """
+        self._changes = changes
+        self._asks_state = ask_state
+        if self._is_combined:
+            tail = _TAILS[ask_state]
+            self._line = line = f"{'; '.join(changes)}; ".encode() + tail if changes else tail
+            self.requests += 1
+            self._link.send_line(line)
+
+    def finish(self) -> list[float]:
+        """Read the answers; returns the measurement of the cycle function, nine floats.
 
         Raises:
             DeviceError: The device refused a command.
@@ -85,31 +117,39 @@ class Exchange:
             TransportError: The device did not answer in time, or the link is cut.
         """
         if not self._is_combined:
-            self._run_one_by_one(changes, measurement, ask_state=ask_state)
-            return
-        tail = TAILS[ask_state]
-        line = f"{'; '.join(changes)}; {tail}".encode() if changes else tail.encode()
-        self.requests += 1
-        reply = self._link.exchange_line(line)
+            return self._run_one_by_one()
+        reply = self._link.receive_line()
+        start, end = reply.find(b"[") + 1, reply.rfind(b"]")
+        if (start != 1 or self._changes or self._asks_state) or len(reply) != end + 3:
+            self._check(reply, start)
+        try:
+            measurement = parse_measurement(reply[start:end])
+        except ProtocolError:
+            self._check(reply, start)
+            raise
+        if self._asks_state:
+            self.state = reply[end + 2 :].decode(errors="replace").rstrip("; \r\n")
+        return measurement
+
+    def _check(self, reply: bytes, start: int) -> None:
+        """Look closely at a reply that holds more than the measurements."""
         if _ERROR_MARK in reply:
-            raise DeviceError(*_find_refused(line, reply))
-        if reply.count(b";") != len(changes) + 3 + ask_state:
+            raise DeviceError(*_find_refused(self._line, reply))
+        expected = len(self._changes)
+        if reply.count(b";") != expected + 3 + self._asks_state or reply.count(b";", 0, start) != expected:
             shown = reply[:100].decode(errors="replace")
             raise ProtocolError(f"reply {shown!r} has not one part for each command", received=shown)
-        end = reply.rfind(b"]")
-        parse_measurement(reply[reply.find(b"[") + 1 : end], measurement)
-        if ask_state:
-            self.state = reply[end + 2 :].decode(errors="replace").rstrip("; \r\n")
 
-    def _run_one_by_one(self, changes: list[str], measurement: list[float], *, ask_state: bool) -> None:
-        for command in changes:
+    def _run_one_by_one(self) -> list[float]:
+        for command in self._changes:
             self._ask(command)
         vectors = ";".join([self._ask(question) for question in QUESTIONS])
         if vectors[:1] + vectors[-1:] != "[]":
             raise ProtocolError(f"reply {vectors[:100]!r} is not three vectors", received=vectors)
-        parse_measurement(vectors[1:-1].encode(), measurement)
-        if ask_state:
+        measurement = parse_measurement(vectors[1:-1].encode())
+        if self._asks_state:
             self.state = parse_word(self._ask(STATE_QUESTION))
+        return measurement
 
     def _ask(self, command: str) -> str:
         self.requests += 1

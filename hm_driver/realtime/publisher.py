@@ -1,6 +1,6 @@
 """What a cycle leaves behind: the newest state, counters, statistics, and one record in the log."""
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 from hm_driver.realtime import cycle
 from hm_driver.realtime.clock import Clock
@@ -13,16 +13,16 @@ from hm_driver.recording.schemas import EVENT, EVENT_LEVELS, EVENTS_CHANNEL, LOO
 # Plain integers: an enumeration's member costs a look-up in every cycle.
 _CYCLES, _MISSED, _LENGTH = int(Word.CYCLES), int(Word.MISSED), int(Word.GRID_LENGTH)
 _EXCHANGES, _SOFT_OVERRUNS = int(Word.EXCHANGES), int(Word.SOFT_OVERRUNS)
+_BUNDLE_ID, _BUNDLE_SIZE = LOOP_BUNDLE.id, LOOP_BUNDLE.size
 
-_AXES = cycle.AXES * cycle.SPRING_STRIDE
-_REFERENCES = slice(cycle.REFERENCE, _AXES, cycle.SPRING_STRIDE)
-_VELOCITIES = slice(cycle.VELOCITY, _AXES, cycle.SPRING_STRIDE)
-_PHASES = slice(cycle.PHASE, _AXES, cycle.SPRING_STRIDE)
-_FORCES = slice(cycle.S_FORCE, cycle.S_FORCE + cycle.AXES)
+_SPRINGS = slice(0, cycle.ASSIST * cycle.SPRING_STRIDE + 1)
+_FORCES = slice(cycle.S_FORCE, cycle.S_SATURATED + 1)
 _BIAS = slice(cycle.S_BIAS, cycle.S_BIAS + cycle.AXES)
-_ASSIST_REFERENCE = cycle.ASSIST * cycle.SPRING_STRIDE + cycle.REFERENCE
-_ASSIST_FORCE = cycle.S_FORCE + cycle.ASSIST
-_SATURATED = cycle.S_SATURATED
+
+
+_Cycle: TypeAlias = tuple[
+    list[float], list[float], float, int, int, int, int, int, int, int, int, int, int
+]  # a plain tuple: it is made in every cycle
 
 
 class Recording(NamedTuple):
@@ -36,6 +36,9 @@ class Recording(NamedTuple):
 class Publisher:
     """Publishes after each cycle.
 
+    The newest state is published at once. What nobody waits for, `keep` does: in the next cycle while the
+    device answers, or at once where no time passes within a cycle.
+
     Args:
         segment: Where state, counters and statistics go.
         grid: The deadlines.
@@ -48,16 +51,14 @@ class Publisher:
 
     __slots__ = (
         "_events",
-        "_exchange",
-        "_execution",
         "_grid",
         "_keeps_timing",
-        "_lateness",
         "_now_ns",
-        "_pack_into",
+        "_pack_record",
+        "_pending",
         "_publish_state",
+        "_record_durations",
         "_recording",
-        "_response",
         "_soft_ns",
         "_trace",
         "_words",
@@ -78,16 +79,14 @@ class Publisher:
         self._now_ns = clock.now_ns
         self._words = segment.words
         self._publish_state = segment.publish_state
-        self._lateness = segment.lateness.record
-        self._execution = segment.execution.record
-        self._exchange = segment.exchange.record
-        self._response = segment.response.record
+        self._record_durations = segment.record_durations
         self._recording = recording
-        self._pack_into = LOOP_BUNDLE.pack_into
+        self._pack_record = LOOP_BUNDLE.packer()
         self._trace = trace
         self._keeps_timing = keeps_timing
         self._soft_ns = int(soft_budget * grid.period_ns)
         self._events = 0
+        self._pending: _Cycle | None = None
 
     def publish(self, s: list[float], m: list[float], dt: float, exchange_ns: int, requests: int) -> None:
         """Publish one cycle.
@@ -99,57 +98,68 @@ class Publisher:
             exchange_ns: Duration of the exchange [ns].
             requests: Requests sent to the device so far.
         """
-        grid, words = self._grid, self._words
-        cycles, missed = grid.cycles, grid.missed
-        references, forces, phases = s[_REFERENCES], s[_FORCES], s[_PHASES]
-        assist_force = s[_ASSIST_FORCE]
-        self._publish_state(
-            (cycles, grid.deadline_ns, missed, s[_SATURATED], *m, *references, *forces, *phases, assist_force)
-        )
+        grid = self._grid
+        cycles, missed, deadline_ns = grid.cycles, grid.missed, grid.deadline_ns
+        x, _, _, phase_x, y, _, _, phase_y, z, _, _, phase_z, _ = s[_SPRINGS]
+        force_x, force_y, force_z, assist_force, saturated = s[_FORCES]
+        self._publish_state((
+            cycles, deadline_ns, missed, saturated, *m,
+            x, y, z, force_x, force_y, force_z, phase_x, phase_y, phase_z, assist_force,
+        ))  # fmt: skip
+        wake_ns = grid.wake_ns
+        self._pending = (
+            s, m, dt, exchange_ns, self._now_ns() - wake_ns, requests,
+            cycles, missed, deadline_ns, grid.index, grid.skipped, wake_ns, grid.lateness_ns,
+        )  # fmt: skip
+        if not self._keeps_timing:
+            self.keep()
+
+    def keep(self) -> None:
+        """Leave the counts, the record and the statistics of the cycle that was published last, once.
+
+        The state of the cycle function must not have changed since.
+        """
+        if self._pending is None:
+            return
+        (
+            s, m, dt, exchange_ns, execution_ns, requests,
+            cycles, missed, deadline_ns, index, skipped, wake_ns, lateness_ns,
+        ) = self._pending  # fmt: skip
+        self._pending = None
+        words = self._words
         words[_CYCLES] = cycles
         words[_MISSED] = missed
         words[_LENGTH] = cycles + missed
         words[_EXCHANGES] = requests
-        lateness_ns = grid.lateness_ns
-        execution_ns = self._now_ns() - grid.wake_ns if self._keeps_timing else 0
+        response_ns = lateness_ns + execution_ns
         if self._recording is not None:
             ring, epoch_ns = self._recording
-            time_ns = grid.deadline_ns + epoch_ns
-            offset = ring.reserve(LOOP_BUNDLE.id, time_ns, LOOP_BUNDLE.size)
+            time_ns = deadline_ns + epoch_ns
+            offset = ring.reserve(_BUNDLE_ID, time_ns, _BUNDLE_SIZE)
             if offset >= 0:
-                index = grid.index
-                self._pack_into(
-                    ring.data, offset,
+                x, vx, _, phase_x, y, vy, _, phase_y, z, vz, _, phase_z, assist_reference = s[_SPRINGS]
+                force_x, force_y, force_z, assist_force, saturated = s[_FORCES]
+                self._pack_record(ring.data, offset, (
                     index, time_ns, *m,
-                    index, time_ns, *references, *s[_VELOCITIES], *forces, *phases,
-                    s[_ASSIST_REFERENCE], assist_force, *s[_BIAS],
-                    index, time_ns, lateness_ns, execution_ns, exchange_ns, lateness_ns + execution_ns,
-                    missed, dt, int(s[_SATURATED]),
-                )  # fmt: skip
+                    index, time_ns, x, y, z, vx, vy, vz, force_x, force_y, force_z, phase_x, phase_y, phase_z,
+                    assist_reference, assist_force, *s[_BIAS],
+                    index, time_ns, lateness_ns, execution_ns, exchange_ns, response_ns,
+                    missed, dt, int(saturated),
+                ))  # fmt: skip
                 ring.commit()
         if self._keeps_timing:
-            self._keep_timing(exchange_ns)
+            self._record_durations(lateness_ns, execution_ns, exchange_ns, response_ns)
+            if response_ns > self._soft_ns:
+                words[_SOFT_OVERRUNS] += 1
+            if self._trace is not None:  # by the deadline that was waited for
+                self._trace.record(index - skipped, lateness_ns, response_ns, wake_ns, exchange_ns)
 
     def log_event(self, level: str, name: str, text: str) -> None:
         """Write an event into the log, where there is one."""
+        self.keep()
         if self._recording is None:
             return
         self._events += 1
         time_ns = self._now_ns() + self._recording.epoch_ns
         payload = EVENT.pack(self._events, time_ns, EVENT_LEVELS[level], name, text, ())
         self._recording.ring.write(EVENTS_CHANNEL.id, time_ns, payload)
-
-    def _keep_timing(self, exchange_ns: int) -> None:
-        grid = self._grid
-        lateness_ns = grid.lateness_ns
-        self._lateness(lateness_ns)
-        self._exchange(exchange_ns)
-        execution_ns = self._now_ns() - grid.wake_ns
-        response_ns = lateness_ns + execution_ns
-        self._execution(execution_ns)
-        self._response(response_ns)
-        if self._trace is not None:
-            number = grid.index - grid.skipped  # the deadline that was waited for
-            self._trace.record(number, lateness_ns, response_ns, grid.wake_ns, exchange_ns)
-        if response_ns > self._soft_ns:
-            self._words[_SOFT_OVERRUNS] += 1

@@ -171,6 +171,7 @@ class _Run:
             while run_cycle():
                 pass
         finally:
+            core.finish()
             segment.words[Word.CPU_NS] = time.thread_time_ns() - cpu_ns
             segment.words[Word.ELAPSED_NS] = self._clock.now_ns() - started_ns
             segment.words[Word.SPUN_NS] = grid.spun_ns

@@ -7,13 +7,12 @@ segment of a loop that has not started.
 
 import contextlib
 import mmap
-from collections.abc import Sequence
 from enum import IntEnum
 from typing import NamedTuple, Self
 
 from hm_driver.errors import LoopError
 from hm_driver.realtime.histogram import SIZE as HISTOGRAM_SIZE
-from hm_driver.realtime.histogram import Histogram
+from hm_driver.realtime.histogram import Histogram, record_each
 from hm_driver.realtime.latch import Latch, latch_size
 from hm_driver.realtime.setpoint import LoopState, SetPoint
 
@@ -170,7 +169,18 @@ class Segment:
         LoopError: The buffer is too small, or holds something else.
     """
 
-    __slots__ = ("_state", "_view", "exchange", "execution", "lateness", "response", "set_points", "words")
+    __slots__ = (
+        "_durations",
+        "_state",
+        "_view",
+        "exchange",
+        "execution",
+        "lateness",
+        "publish_state",
+        "response",
+        "set_points",
+        "words",
+    )
 
     def __init__(self, buffer: bytearray | memoryview | mmap.mmap) -> None:
         view = memoryview(buffer)
@@ -183,6 +193,8 @@ class Segment:
             raise LoopError("the shared block holds no segment of this version of the driver")
         self.words[Word.MAGIC] = _MAGIC
         self._state = Latch(view[_STATE_AT:_SET_POINT_AT], len(LoopState._fields))
+        self.publish_state = self._state.write
+        """Publishes a row in the order of `LoopState`."""
         self.set_points = Latch(view[_SET_POINT_AT:_TEXT_AT], len(SetPoint._fields))
         """What the application asks, newest row."""
         self.lateness = self._histogram(0)
@@ -193,6 +205,7 @@ class Segment:
         """Exchange with the device: first byte out to last byte in."""
         self.response = self._histogram(3)
         """Deadline to end of cycle."""
+        self._durations = view[_HISTOGRAM_AT:SEGMENT_SIZE].cast("q")
 
     @classmethod
     def in_memory(cls) -> Self:
@@ -222,9 +235,11 @@ class Segment:
         self.words[Word.TRIP] = trip
         return True
 
-    def publish_state(self, values: Sequence[float]) -> None:
-        """Publish a row in the order of `LoopState`."""
-        self._state.write(values)
+    def record_durations(
+        self, lateness_ns: int, execution_ns: int, exchange_ns: int, response_ns: int
+    ) -> None:
+        """Count the durations of a cycle [ns] in the four histograms."""
+        record_each(self._durations, (lateness_ns, execution_ns, exchange_ns, response_ns))
 
     def state(self) -> LoopState:
         """The newest state; all zeros before the first cycle."""
@@ -276,6 +291,7 @@ class Segment:
         with contextlib.suppress(BufferError):  # a view of a view lives on; the memory goes with it
             self._state.release()
             self.set_points.release()
+            self._durations.release()
             for histogram in (self.lateness, self.execution, self.exchange, self.response):
                 histogram.release()
             self.words.release()

@@ -5,7 +5,7 @@ driver's own have the ids 1 to 15, its bundles 16 to 31; those of other packages
 """
 
 import struct
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from hm_driver.recording.messages import Field, FixedMessage, Kind, Message, VariableMessage
@@ -173,6 +173,16 @@ class Bundle:
         parts = self._template[:]
         parts[1::2] = values
         self._struct.pack_into(buffer, offset, *parts)
+
+    def packer(self) -> Callable[[bytearray | memoryview, int, Sequence[float]], None]:
+        """What `pack_into` does, as a function for one thread that packs in every cycle."""
+        parts, pack_into = self._template[:], self._struct.pack_into
+
+        def pack(buffer: bytearray | memoryview, offset: int, values: Sequence[float]) -> None:
+            parts[1::2] = values
+            pack_into(buffer, offset, *parts)
+
+        return pack
 
 
 LOOP_BUNDLE = Bundle(16, (DEVICE_STATE_CHANNEL, DEVICE_COMMAND_CHANNEL, LOOP_TIMING_CHANNEL))

@@ -44,11 +44,16 @@ class AnsweredLink:
         """As `CommandLink.exchange`."""
         return self._link.exchange(request)
 
-    def exchange_line(self, line: bytes) -> bytes:
-        """As `CommandLink.exchange_line`."""
+    def send_line(self, line: bytes) -> None:
+        """As `CommandLink.send_line`."""
+        if self._reply is None:
+            self._link.send_line(line)
+
+    def receive_line(self) -> bytes:
+        """As `CommandLink.receive_line`."""
         reply, self._reply = self._reply, None
         if reply is None:
-            return self._link.exchange_line(line)
+            return self._link.receive_line()
         if isinstance(reply, HapticMasterError):
             raise reply
         return reply
@@ -186,7 +191,7 @@ def run_lockstep(request: TeachRequest, view: View, *, name: str, is_compiled: b
     shuffle, hand_rng, emulator_seed = request.streams()
     options = request.options
     with open_recording(
-        request, name=name, clock="virtual", device="emulator", is_lockstep=True
+        request, name=name, clock="virtual", device="emulator", is_lockstep=True, tell=view.tell
     ) as recording:
         emulator = LockstepEmulator(seed=emulator_seed, init_seconds=_INIT_S)
         recording.wait_until_open()

@@ -51,13 +51,16 @@ class StillDevice:
                 raise DeviceError(command, part)
         return "".join(f"{part};" for part in parts)
 
-    def exchange_line(self, line: bytes) -> bytes:
-        """As `CommandLink.exchange_line`."""
+    def send_line(self, line: bytes) -> None:
+        """As `CommandLink.send_line`."""
         if self.failure is not None:
             raise self.failure
-        request = line.decode().rstrip("\n")
-        self.requests.append(request)
-        return "".join(f"{self.answer(command)};" for command in request.split("; ")).encode() + b"\n"
+        self.requests.append(line.decode().rstrip("\n"))
+
+    def receive_line(self) -> bytes:
+        """As `CommandLink.receive_line`."""
+        commands = self.requests[-1].split("; ")
+        return "".join(f"{self.answer(command)};" for command in commands).encode() + b"\n"
 
     def answer(self, command: str) -> str:
         if self.refused and self.refused in command:

@@ -45,7 +45,9 @@ class Bench:
         """Run at most so many cycles; how many it were, the last one included."""
         for cycle in range(1, cycles + 1):
             if not self.core.run_cycle():
-                return cycle
+                cycles = cycle
+                break
+        self.core.finish()
         return cycles
 
     def engage(self, target_z=0.02):
@@ -280,7 +282,7 @@ def test_a_law_that_returns_nan_trips():
 @pytest.mark.parametrize("text", [b"", b"1,2,3", b"1,2,3];[4,5,6];[7,8", b"1,2,3,4];[5,6];[7,8,9x", b"1;2"])
 def test_a_malformed_measurement_is_refused(text):
     with pytest.raises(ProtocolError):
-        parse_measurement(text, [0.0] * 9)
+        parse_measurement(text)
 
 
 @pytest.mark.parametrize(
@@ -289,7 +291,7 @@ def test_a_malformed_measurement_is_refused(text):
 def test_a_reply_with_other_parts_than_were_asked_for_trips(reply):
     bench = Bench()
     bench.run(3)
-    bench.device.exchange_line = lambda line: reply  # noqa: ARG005  # the device answers this to everything
+    bench.device.receive_line = lambda: reply  # the device answers this to everything
     bench.run(3)
     assert bench.segment.trip is Trip.DEVICE
 
