@@ -24,13 +24,14 @@ class _Limits(NamedTuple):
     is_required: bool
 
 
-_HAND_FIELDS = {
+HAND_LIMITS = {
     "position": _Limits(-2.0, 2.0, is_required=True),
     "velocity": _Limits(-20.0, 20.0, is_required=False),
     "stiffness": _Limits(0.0, 20e3, is_required=True),
     "damping": _Limits(0.0, 2e3, is_required=True),
     "force": _Limits(-500.0, 500.0, is_required=False),
 }
+"""Range of each number of a hand, in the order of `parse_hand`."""
 
 
 class WorldService:
@@ -194,12 +195,12 @@ def parse_hand(hand: object) -> tuple[Vector, Vector, Vector, Vector, Vector]:
         WorldError: Unknown or missing field, wrong form or out of range; says what would be accepted.
     """
     if not isinstance(hand, Mapping):
-        raise WorldError(f"hand: {_shown(hand)} must be null or an object with {', '.join(_HAND_FIELDS)}")
-    unknown = set(hand) - set(_HAND_FIELDS)
+        raise WorldError(f"hand: {_shown(hand)} must be null or an object with {', '.join(HAND_LIMITS)}")
+    unknown = set(hand) - set(HAND_LIMITS)
     if unknown:
-        raise WorldError(f"hand: unknown key {min(unknown)!r}; accepted: {', '.join(_HAND_FIELDS)}")
+        raise WorldError(f"hand: unknown key {min(unknown)!r}; accepted: {', '.join(HAND_LIMITS)}")
     position, velocity, stiffness, damping, force = (
-        _parse_field(hand, name, limits) for name, limits in _HAND_FIELDS.items()
+        _parse_field(hand, name, limits) for name, limits in HAND_LIMITS.items()
     )
     return position, velocity, stiffness, damping, force
 

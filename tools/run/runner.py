@@ -7,7 +7,6 @@ from hm_driver.realtime.clock import Clock
 from hm_driver.realtime.setpoint import LoopState, SetPoint
 from teaching.hands.contract import Hand, HandIntent, Vector
 from teaching.session import Session, Stage, Tick
-from tools.run.log import SessionLog
 from tools.run.options import TICK_S
 
 TICK_NS = round(TICK_S * 1e9)
@@ -65,6 +64,20 @@ class World(Protocol):
         ...
 
 
+class Log(Protocol):
+    """Where the session's ticks go."""
+
+    def tick(self, time_ns: int, tick: Tick) -> None:
+        """Note who was in control and what each of the two wanted."""
+        ...
+
+    def hand(
+        self, time_ns: int, intent: HandIntent | None, hand_force: Vector, contact_force: Vector
+    ) -> None:
+        """Note what a simulated hand intended and felt."""
+        ...
+
+
 class View(Protocol):
     """Whoever watches the session; must return at once."""
 
@@ -81,7 +94,7 @@ class Plugs:
     loop: Loop
     hand: Hand
     world: World | None
-    log: SessionLog
+    log: Log
     view: View
 
 
