@@ -28,12 +28,16 @@ _GROUPS = {
 }
 _COMMANDS = {
     "teach": ("tools.cli.teach:teach", "Teach the arm a task: human and robot share control."),
+    "drive": ("tools.cli.drive:drive", "Drive the device by hand: move, hold, effects, record; a prompt."),
     "emulate": ("tools.cli.emulate:emulate", "Be a HapticMASTER on a TCP port."),
     "report": ("tools.cli.report:report", "Write the report of a session from its log."),
     "config show": ("tools.cli.config:show", "Print it, with the source of each value."),
     "log info": ("tools.cli.log:info", "Say what a log holds."),
     "log recover": ("tools.cli.log:recover", "Make a damaged log readable."),
 }
+
+_OWN_HELP = frozenset({"drive"})
+"""Commands with words of their own, which answer --help themselves."""
 
 
 def application(words: Sequence[str] = ()) -> App:
@@ -58,7 +62,8 @@ def application(words: Sequence[str] = ()) -> App:
     for path, (target, text) in _COMMANDS.items():
         group, _, name = path.rpartition(" ")
         is_named = list(words[: len(path.split())]) == path.split()
-        groups[group].command(target, name=name, help=None if is_named else text)
+        flags = {"help_flags": ()} if path in _OWN_HELP else {}
+        groups[group].command(target, name=name, help=None if is_named else text, **flags)
     return app
 
 
