@@ -4,6 +4,8 @@ The dataclasses are the schema: their fields name the keys, their annotations th
 values where nothing is given, and their ``__post_init__`` the ranges. Values come from, in rising order,
 the defaults, the file, the overrides. Nothing is ignored: a key that no field answers to is refused.
 
+A preset is a set of defaults that goes by one name: it stands between the defaults and the file.
+
 Types a field may have: ``float``, ``int``, ``bool``, ``str``, ``Path``, an ``Enum`` (by value or name), a
 ``Literal``, a dataclass (a table), ``tuple[X, ...]`` (an array; of dataclasses: an array of tables),
 ``tuple[X, Y]``, and any of them ``| None``, where the word ``"none"`` stands for None, as TOML has no null.
@@ -29,8 +31,9 @@ import tomllib
 import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, dataclass, is_dataclass
+from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, NoReturn, TypeVar
 
 from hm_driver.errors import ConfigurationError
 from tools.config_types import MisfitError, convert, element_types, suggestion, table_type
@@ -56,22 +59,44 @@ class Merged(Generic[T]):
     """For each dotted key: the file's name, `COMMAND_LINE` or `DEFAULT`."""
 
 
-def load(cls: type[T], path: Path | None = None, overrides: Mapping[str, str] | None = None) -> T:
+class Presets(NamedTuple):
+    """Sets of defaults, one of which the configuration chooses itself."""
+
+    key: str
+    """Key of the first level whose value names the set."""
+    values: Mapping[str, Mapping[str, object]]
+    """By name: TOML's own value by dotted key. No set for a name: nothing but the defaults."""
+
+
+def load(
+    cls: type[T],
+    path: Path | None = None,
+    overrides: Mapping[str, str] | None = None,
+    *,
+    presets: Presets | None = None,
+) -> T:
     """Build a configuration from defaults, a TOML file and overrides.
 
     Args:
         cls: The dataclass that is the schema.
         path: The file; None for none.
         overrides: Dotted key to text, as in ``--set learner.w_gen=0.7``.
+        presets: Sets of defaults to choose from.
 
     Raises:
         ConfigurationError: An unknown key, a wrong type, a value out of range, a missing value, or a file
             that cannot be read; it names the dotted field and the file.
     """
-    return merge(cls, path, overrides).value
+    return merge(cls, path, overrides, presets=presets).value
 
 
-def merge(cls: type[T], path: Path | None = None, overrides: Mapping[str, str] | None = None) -> Merged[T]:
+def merge(
+    cls: type[T],
+    path: Path | None = None,
+    overrides: Mapping[str, str] | None = None,
+    *,
+    presets: Presets | None = None,
+) -> Merged[T]:
     """As `load`, but also say where each value came from.
 
     Raises:
@@ -81,8 +106,36 @@ def merge(cls: type[T], path: Path | None = None, overrides: Mapping[str, str] |
     tree = _read_file(path) if path is not None else {}
     for key, text in (overrides or {}).items():
         _plant(tree, key, _Text(text))
-    value = reader.table(cls, tree, "", None)
+    chosen = _chosen(cls, tree, presets) if presets is not None else {}
+    base = _Reader(None).table(cls, _nested(chosen), "", None) if chosen else None
+    value = reader.table(cls, tree, "", base)
+    if presets is not None:
+        name = f"{presets.key} {_plain(getattr(value, presets.key))}"
+        reader.sources.update({key: name for key in chosen if reader.sources.get(key) == DEFAULT})
     return Merged(value=value, sources=reader.sources)
+
+
+def _chosen(cls: type[T], tree: Mapping[str, Any], presets: Presets) -> Mapping[str, object]:
+    """The set of defaults that the configuration names; none if the name is wrong, which is refused later."""
+    field = next(field for field in dataclasses.fields(cls) if field.name == presets.key)
+    raw = tree.get(presets.key, _plain(_default(field)))
+    name = _as_toml(raw) if isinstance(raw, _Text) else raw
+    return presets.values.get(name, {}) if isinstance(name, str) else {}
+
+
+def _nested(values: Mapping[str, object]) -> dict[str, Any]:
+    tree: dict[str, Any] = {}
+    for key, value in values.items():
+        *tables, leaf = key.split(".")
+        node = tree
+        for name in tables:
+            node = node.setdefault(name, {})
+        node[leaf] = value
+    return tree
+
+
+def _plain(value: object) -> object:
+    return value.value if isinstance(value, Enum) else value
 
 
 def parse_overrides(assignments: Iterable[str]) -> dict[str, str]:

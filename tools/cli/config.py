@@ -7,7 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tools.cli.console import write, write_json
-from tools.config import DEFAULT, merge, parse_overrides
+from tools.config import DEFAULT, parse_overrides
 from tools.config_text import documentation, to_dict, to_toml
 
 
@@ -26,9 +26,9 @@ def show(
         set_: A value over the file's, as in learner.w_gen=0.7; may be given again.
         json: One JSON object instead: the values, and the source of each by dotted name.
     """
-    from tools.run.options import TeachOptions
+    from tools.run.options import load_options
 
-    merged = merge(TeachOptions, config, parse_overrides(set_ or []))
+    merged = load_options(config, parse_overrides(set_ or []))
     if json:
         write_json({"values": to_dict(merged.value), "sources": dict(merged.sources)})
         return

@@ -24,6 +24,9 @@ def teach(
     device: str | None = None,
     world: str | None = None,
     hand: Literal["simulated", "person"] | None = None,
+    method: Literal["paper", "confident", "error", "success", "button"] | None = None,
+    learner: Literal["lwr", "multi", "rfwr"] | None = None,
+    arbitration: Literal["paper", "confidence", "error", "success", "button"] | None = None,
     practice: float | None = None,
     seed: int = 1,
     config: Path | None = None,
@@ -41,6 +44,9 @@ def teach(
         device: Address of a HapticMASTER or of an emulator, tcp://HOST[:7654]; default: start an emulator.
         world: World endpoint of that emulator, the second line that hm emulate prints.
         hand: Who holds the handle: simulated, or person, which is the default with --device alone.
+        method: Whole method of teaching: a learner, an arbitration and their numbers; default: paper.
+        learner: Another learner than the method's.
+        arbitration: Another arbitration than the method's.
         practice: Seconds of practice before teaching, with nothing accumulated; default: the configuration's.
         seed: Seed of everything random.
         config: TOML file; hm config show prints one.
@@ -52,8 +58,9 @@ def teach(
 
     began = time.monotonic()
     request = _request(
-        fast=fast, device=device, world=world, hand=hand, practice=practice, seed=seed, config=config,
-        overrides=set_ or [], output=output,
+        fast=fast, device=device, world=world, hand=hand, method=method, learner=learner,
+        arbitration=arbitration, practice=practice, seed=seed, config=config, overrides=set_ or [],
+        output=output,
     )  # fmt: skip
     for warning in request.options.warnings():
         tell(f"note: {warning}")
@@ -74,6 +81,9 @@ def _request(
     device: str | None,
     world: str | None,
     hand: str | None,
+    method: str | None,
+    learner: str | None,
+    arbitration: str | None,
     practice: float | None,
     seed: int,
     config: Path | None,
@@ -83,13 +93,19 @@ def _request(
     from hm_driver.errors import ConfigurationError
     from hm_driver.transport.urls import parse_device_url
     from teaching.task_file import load_task
-    from tools.config import load, parse_overrides
-    from tools.run.options import TeachOptions
+    from tools.config import parse_overrides
+    from tools.run.options import load_options
     from tools.run.request import HandKind, TeachRequest
 
     changes = parse_overrides(overrides)
-    if practice is not None:
-        changes["session.practice"] = str(practice)
+    for key, value in (
+        ("method", method),
+        ("learner.kind", learner),
+        ("arbitration.kind", arbitration),
+        ("session.practice", practice),
+    ):
+        if value is not None:
+            changes[key] = str(value)
     if seed < 0:
         raise ConfigurationError("--seed", f"{seed} must not be negative")
     if fast and (device or world):
@@ -102,7 +118,7 @@ def _request(
         )
     if device:
         parse_device_url(device)
-    options = load(TeachOptions, config, changes)
+    options = load_options(config, changes).value
     task = load_task(options.task)
     task.check_reach(options.geometry)
     kind = HandKind(hand) if hand else HandKind.PERSON if device and not world else HandKind.SIMULATED
