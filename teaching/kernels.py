@@ -134,60 +134,118 @@ def exponent(table: FloatArray, d: int, i: int, X: FloatArray, k: int) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def nearest(table: FloatArray, state: FloatArray, d: int, X: FloatArray, k: int) -> tuple[float, int, int]:
-    """Smallest exponent q and the window of the models that count for a prediction at X[k].
-
-    A model counts where its weight is at least the cut-off times the largest weight, so that a
-    prediction exists however far the point is from every model.
-    """
-    n = int(state[N_MODELS])
-    q_cut, reach = state[Q_CUT], state[REACH]
-    low, high = window(table, n, X[k, 0], math.sqrt(q_cut) * reach)
-    q_min = math.inf
-    for i in range(low, high):
-        q_min = min(q_min, exponent(table, d, i, X, k))
-    if q_min <= q_cut:
-        low, high = window(table, n, X[k, 0], math.sqrt(q_min + q_cut) * reach)
-        return q_min, low, high
-    for i in range(n):
-        q_min = min(q_min, exponent(table, d, i, X, k))
-    return q_min, 0, n
+def exponents_2d(table: FloatArray, low: int, high: int, x0: float, x1: float, Q: FloatArray) -> None:
+    """Fill Q, shape (high - low,) or longer, with the exponents of the models low to high at (x0, x1)."""
+    c0, c1 = table[0, low:high], table[1, low:high]
+    D00, D01, D11 = table[2, low:high], table[3, low:high], table[4, low:high]
+    for i in range(c0.shape[0]):
+        a, b = x0 - c0[i], x1 - c1[i]
+        Q[i] = a * (D00[i] * a + 2.0 * D01[i] * b) + D11[i] * b * b
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def query_2d(table: FloatArray, state: FloatArray, x0: float, x1: float) -> tuple[float, float]:
-    """Prediction of eq. (1) and w_max at (x0, x1), for two inputs and one output."""
+def exponents(table: FloatArray, d: int, low: int, high: int, X: FloatArray, k: int, Q: FloatArray) -> None:
+    """Fill Q as :func:`exponents_2d` for row k of X, shape (n, d): what :func:`exponent` says, bit for bit.
+
+    The innermost loops run over the models, so that the processor takes several of them at a time.
+    """
+    if d == 2:
+        exponents_2d(table, low, high, X[k, 0], X[k, 1], Q)
+        return
+    n = high - low
+    s = np.empty(n)
+    for i in range(n):
+        Q[i] = 0.0
+    row = d
+    for j in range(d):
+        x, centre, metric = X[k, j], table[j, low:high], table[row, low:high]
+        for i in range(s.shape[0]):
+            s[i] = metric[i] * (x - centre[i])
+        row += 1
+        for l in range(j + 1, d):  # noqa: E741 - the letter that follows k
+            x, other, metric = X[k, l], table[l, low:high], table[row, low:high]
+            for i in range(s.shape[0]):
+                s[i] += 2.0 * metric[i] * (x - other[i])
+            row += 1
+        x = X[k, j]
+        for i in range(s.shape[0]):
+            Q[i] += s[i] * (x - centre[i])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def smallest(Q: FloatArray, n: int) -> float:
+    """Smallest of the first n numbers; infinity where there is none. Eight at a time, for speed."""
+    q = Q[:n]
+    a = b = c = d = e = f = g = h = math.inf
+    for i in range(q.shape[0] // 8):
+        j = 8 * i
+        a = min(a, q[j])
+        b = min(b, q[j + 1])
+        c = min(c, q[j + 2])
+        d = min(d, q[j + 3])
+        e = min(e, q[j + 4])
+        f = min(f, q[j + 5])
+        g = min(g, q[j + 6])
+        h = min(h, q[j + 7])
+    for i in range(8 * (q.shape[0] // 8), q.shape[0]):
+        a = min(a, q[i])
+    return min(a, b, c, d, e, f, g, h)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def nearest(
+    table: FloatArray, state: FloatArray, d: int, X: FloatArray, k: int, Q: FloatArray
+) -> tuple[float, int, int]:
+    """Smallest exponent q and the window of the models that may count for a prediction at X[k].
+
+    A model counts where its weight is at least the cut-off times the largest weight, so that a
+    prediction exists however far the point is from every model. Q, shape (N,), is left with the exponents
+    in the window, from its first number on.
+    """
     n = int(state[N_MODELS])
-    q_cut, reach = state[Q_CUT], state[REACH]
-    low, high = window(table, n, x0, math.sqrt(q_cut) * reach)
-    q_min = math.inf
-    for i in range(low, high):
-        a, b = x0 - table[0, i], x1 - table[1, i]
-        q = a * (table[2, i] * a + 2.0 * table[3, i] * b) + table[4, i] * b * b
-        if q < q_min:
-            q_min = q
+    q_cut = state[Q_CUT]
+    low, high = window(table, n, X[k, 0], math.sqrt(2.0 * q_cut) * state[REACH])
+    exponents(table, d, low, high, X, k, Q)
+    q_min = smallest(Q, high - low)
     if q_min <= q_cut:
-        low, high = window(table, n, x0, math.sqrt(q_min + q_cut) * reach)
-    else:
+        return q_min, low, high
+    exponents(table, d, 0, n, X, k, Q)
+    return smallest(Q, n), 0, n
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def query_in(
+    table: FloatArray, state: FloatArray, x0: float, x1: float, Q: FloatArray
+) -> tuple[float, float]:
+    """As :func:`query_2d`, with scratch Q of shape (N,)."""
+    n = int(state[N_MODELS])
+    q_cut = state[Q_CUT]
+    low, high = window(table, n, x0, math.sqrt(2.0 * q_cut) * state[REACH])
+    exponents_2d(table, low, high, x0, x1, Q)
+    q_min = smallest(Q, high - low)
+    if not q_min <= q_cut:
         low, high = 0, n
-        for i in range(n):
-            a, b = x0 - table[0, i], x1 - table[1, i]
-            q = a * (table[2, i] * a + 2.0 * table[3, i] * b) + table[4, i] * b * b
-            if q < q_min:
-                q_min = q
+        exponents_2d(table, low, high, x0, x1, Q)
+        q_min = smallest(Q, n)
         if q_min == math.inf:
             return 0.0, 0.0
     limit = q_min + q_cut
     total = 0.0
     weights = 0.0
     for i in range(low, high):
-        a, b = x0 - table[0, i], x1 - table[1, i]
-        q = a * (table[2, i] * a + 2.0 * table[3, i] * b) + table[4, i] * b * b
+        q = Q[i - low]
         if q <= limit:
             w = math.exp(0.5 * (q_min - q)) * table[18, i]
             weights += w
+            a, b = x0 - table[0, i], x1 - table[1, i]
             total += w * (table[5, i] * a + table[6, i] * b + table[7, i])
     return total / weights, math.exp(-0.5 * q_min)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def query_2d(table: FloatArray, state: FloatArray, x0: float, x1: float) -> tuple[float, float]:
+    """Prediction of eq. (1) and w_max at (x0, x1), for two inputs and one output."""
+    return query_in(table, state, x0, x1, np.empty(int(state[N_MODELS])))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -201,14 +259,15 @@ def predict(
 ) -> None:
     """Fill Y, shape (n, m), with eq. (1) and w_max, shape (n,), for X, shape (n, d)."""
     d, m = X.shape[1], Y.shape[1]
+    Q = np.empty(int(state[N_MODELS]))
     if scratch is None:
         for k in range(X.shape[0]):
-            Y[k, 0], w_max[k] = query_2d(table, state, X[k, 0], X[k, 1])
+            Y[k, 0], w_max[k] = query_in(table, state, X[k, 0], X[k, 1], Q)
         return
     parameters = d + d * (d + 1) // 2
     gain = first_book(d, m) + GAIN
     for k in range(X.shape[0]):
-        q_min, low, high = nearest(table, state, d, X, k)
+        q_min, low, high = nearest(table, state, d, X, k, Q)
         for o in range(m):
             Y[k, o] = 0.0
         w_max[k] = math.exp(-0.5 * q_min)
@@ -217,7 +276,7 @@ def predict(
         limit = q_min + state[Q_CUT]
         weights = 0.0
         for i in range(low, high):
-            q = exponent(table, d, i, X, k)
+            q = Q[i - low]
             if q <= limit:
                 w = math.exp(0.5 * (q_min - q)) * table[gain, i]
                 weights += w
@@ -237,24 +296,26 @@ def deviation(
     """Fill R and S, shapes (n, m), with variances at X for its predictions Y, shape (n, m).
 
     R is the weighted mean of the models' own variances (noise and uncertainty of their parameters), S that
-    of the squared differences between the models and the prediction.
+    of the squared differences between the models and the prediction. Where no model is active above the
+    cut-off R is infinite: the prediction there is no more than a continuation.
     """
     d, m = X.shape[1], Y.shape[1]
     parameters = d + d * (d + 1) // 2
     covariance = parameters + (d + 1) * m
     books = first_book(d, m)
-    z = np.empty(d + 1)
+    z, Q = np.empty(d + 1), np.empty(int(state[N_MODELS]))
     z[d] = 1.0
     for k in range(X.shape[0]):
-        q_min, low, high = nearest(table, state, d, X, k)
+        q_min, low, high = nearest(table, state, d, X, k, Q)
+        is_unknown = q_min > state[Q_CUT] or q_min == math.inf
         for o in range(m):
-            R[k, o] = math.inf if q_min == math.inf else 0.0
+            R[k, o] = math.inf if is_unknown else 0.0
             S[k, o] = 0.0
-        if q_min == math.inf:
+        if is_unknown:
             continue
         weights = 0.0
         for i in range(low, high):
-            q = exponent(table, d, i, X, k)
+            q = Q[i - low]
             if q > q_min + state[Q_CUT]:
                 continue
             w = math.exp(0.5 * (q_min - q)) * table[books + GAIN, i]
@@ -475,15 +536,17 @@ def sweep_any(
     Y: FloatArray,
     k: int,
     scratch: FloatArray,
+    Q: FloatArray,
 ) -> tuple[float, int, float, int]:
     """Let the models low to high learn sample k; returns the two most active: q and column of each."""
     d = X.shape[1]
+    exponents(table, d, low, high, X, k, Q)
     z, g = scratch[0], scratch[1]
     z[d] = 1.0
     q1, q2 = math.inf, math.inf
     first, second = -1, -1
     for i in range(low, high):
-        q = exponent(table, d, i, X, k)
+        q = Q[i - low]
         if q >= q_cut:
             continue
         if q < q1:
@@ -507,16 +570,17 @@ def sweep_2d(
     x0: float,
     x1: float,
     y: float,
+    Q: FloatArray,
 ) -> tuple[float, int, float, int]:
     """As :func:`sweep_any` for two inputs and one output, written out: the same arithmetic."""
+    exponents_2d(table, low, high, x0, x1, Q)
     lam = params[LAM]
     scale = 1.0 / lam
     information = (1.0 - lam) * 3.0 / params[P0]
     q1, q2 = math.inf, math.inf
     first, second = -1, -1
     for i in range(low, high):
-        a, b = x0 - table[0, i], x1 - table[1, i]
-        q = a * (table[2, i] * a + 2.0 * table[3, i] * b) + table[4, i] * b * b
+        q = Q[i - low]
         if q >= q_cut:
             continue
         if q < q1:
@@ -525,6 +589,7 @@ def sweep_2d(
         elif q < q2:
             q2, second = q, i
         w = math.exp(-0.5 * q)
+        a, b = x0 - table[0, i], x1 - table[1, i]
         p00, p01, p02 = table[8, i], table[9, i], table[10, i]
         p11, p12, p22 = table[11, i], table[12, i], table[13, i]
         g0 = p00 * a + p01 * b + p02
@@ -576,11 +641,12 @@ def sweep(
     Y: FloatArray,
     k: int,
     scratch: FloatArray | None,
+    Q: FloatArray,
 ) -> tuple[float, int, float, int]:
     """Let the models low to high learn sample k; returns the two most active: q and column of each."""
     if scratch is None:
-        return sweep_2d(table, params, q_cut, low, high, X[k, 0], X[k, 1], Y[k, 0])
-    return sweep_any(table, params, q_cut, low, high, X, Y, k, scratch)
+        return sweep_2d(table, params, q_cut, low, high, X[k, 0], X[k, 1], Y[k, 0], Q)
+    return sweep_any(table, params, q_cut, low, high, X, Y, k, scratch, Q)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -592,16 +658,17 @@ def absorb(
     Y: FloatArray,
     k: int,
     scratch: FloatArray | None,
+    Q: FloatArray,
 ) -> bool:
     """Learn sample k, then generate a model or prune one; the table has room. Says whether it generated."""
     d, m = X.shape[1], Y.shape[1]
     q_cut = state[Q_CUT]
     low, high = window(table, int(state[N_MODELS]), X[k, 0], math.sqrt(q_cut) * state[REACH])
-    q1, first, q2, second = sweep(table, params, q_cut, low, high, X, Y, k, scratch)
+    q1, first, q2, second = sweep(table, params, q_cut, low, high, X, Y, k, scratch, Q)
     generates: bool = math.exp(-0.5 * q1) <= params[W_GEN]
     if generates:
         place = insert(table, state, params, X, k, m, 0)
-        sweep(table, params, q_cut, place, place + 1, X, Y, k, scratch)
+        sweep(table, params, q_cut, place, place + 1, X, Y, k, scratch, Q)
     elif params[PRUNE] != PRUNE_NEVER:
         q_prune = -2.0 * math.log(params[W_PRUNE])
         level = first_book(d, m) + LEVEL
@@ -645,12 +712,13 @@ def update(
     again), and -1 - k where sample k is not finite; it and what follows are not learned.
     """
     n: int = X.shape[0]
+    Q = np.empty(table.shape[1])
     for k in range(start, n):
         if state[N_MODELS] >= table.shape[1]:
             return k
         if not (is_finite(X, k) and is_finite(Y, k)):
             return -1 - k
-        absorb(table, state, params, X, Y, k, scratch)
+        absorb(table, state, params, X, Y, k, scratch, Q)
     return n
 
 
@@ -686,7 +754,7 @@ def update_refining(
 ) -> int:
     """As :func:`update`, and a sample that the prediction misses asks for a model of the next finer level."""
     n: int = X.shape[0]
-    y, w_max = np.empty((1, Y.shape[1])), np.empty(1)
+    y, w_max, Q = np.empty((1, Y.shape[1])), np.empty(1), np.empty(table.shape[1])
     for k in range(start, n):
         if state[N_MODELS] >= table.shape[1]:
             return k
@@ -697,13 +765,13 @@ def update_refining(
         for o in range(Y.shape[1]):
             error += (Y[k, o] - y[0, o]) ** 2
             size += Y[k, o] ** 2
-        if absorb(table, state, params, X, Y, k, scratch) or error <= params[TOLERANCE] ** 2 * size:
+        if absorb(table, state, params, X, Y, k, scratch, Q) or error <= params[TOLERANCE] ** 2 * size:
             continue
         level = missing_level(table, state, params, X, k, Y.shape[1])
         if level > 0:
             place = insert(table, state, params, X, k, Y.shape[1], level)
             table[first_book(X.shape[1], Y.shape[1]) + BORN, place] -= 1.0
-            sweep(table, params, state[Q_CUT], place, place + 1, X, Y, k, scratch)
+            sweep(table, params, state[Q_CUT], place, place + 1, X, Y, k, scratch, Q)
     return n
 
 

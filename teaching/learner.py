@@ -1,6 +1,7 @@
 """What a local learner is: the contract that a session, an arbitration and a report rely on."""
 
-from typing import NamedTuple, Protocol, Self
+from pathlib import Path
+from typing import Literal, NamedTuple, Protocol, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -76,12 +77,28 @@ class Learner(Protocol):
         """Learn samples in the order given, shapes (n, d) and (n, m); all of them or, if refused, none."""
         ...
 
-    def predict(self, X: ArrayLike) -> FloatArray:
-        """Outputs, shape (n, m), at inputs of shape (n, d); 0 where there is no model at all."""
+    @overload
+    def predict(self, X: ArrayLike, *, return_std: Literal[False] = False) -> FloatArray: ...
+
+    @overload
+    def predict(self, X: ArrayLike, *, return_std: Literal[True]) -> tuple[FloatArray, FloatArray]: ...
+
+    def predict(
+        self, X: ArrayLike, *, return_std: bool = False
+    ) -> FloatArray | tuple[FloatArray, FloatArray]:
+        """Outputs, shape (n, m), at inputs of shape (n, d), and with return_std their standard deviation.
+
+        Always finite. Where no model is active it is the straight continuation of the nearest, and 0 where
+        there is no model at all: the standard deviation is infinite there, and w_max next to 0 or 0.
+        """
         ...
 
     def w_max(self, X: ArrayLike) -> FloatArray:
         """Largest activation, shape (n,), at inputs of shape (n, d); 0 where there is no model at all."""
+        ...
+
+    def activations(self, X: ArrayLike) -> FloatArray:
+        """Activation of every model, oldest first, shape (n, N), at inputs of shape (n, d)."""
         ...
 
     def share_active(self, X: ArrayLike, w: float) -> float:
@@ -92,6 +109,42 @@ class Learner(Protocol):
         """Prediction and largest activation at one point, for two inputs and one output."""
         ...
 
+    def query_std(self, x0: float, x1: float) -> tuple[float, float, float]:
+        """As :meth:`query`, with the standard deviation as the third."""
+        ...
+
+    def remove(self, which: ArrayLike) -> int:
+        """Remove models by indices into :attr:`models` or a mask of shape (N,); returns how many."""
+        ...
+
+    def remove_near(self, x: ArrayLike, w: float) -> int:
+        """Remove the models that the input x, shape (d,), activates above w; returns how many."""
+        ...
+
+    def remove_box(self, lower: ArrayLike, upper: ArrayLike) -> int:
+        """Remove the models with their centre between two corners, shapes (d,); returns how many."""
+        ...
+
+    def remove_ellipse(self, centre: ArrayLike, semi_axes: ArrayLike, *, angle: float = 0.0) -> int:
+        """Remove the models with their centre in an ellipse, or in a circle; returns how many."""
+        ...
+
+    def remove_older(self, n_samples: int) -> int:
+        """Remove the models made before the learner had seen n_samples samples; returns how many."""
+        ...
+
+    def check_parameters(self) -> list[str]:
+        """Say which parameters contradict each other, and the consequence."""
+        ...
+
+    def warm_up(self) -> None:
+        """Compile what the learner runs, so that no later call does."""
+        ...
+
     def copy(self) -> Self:
         """A learner of the same state that shares nothing with this one."""
+        ...
+
+    def save(self, path: str | Path) -> None:
+        """Write the learner to a file, which its class's ``load`` reads."""
         ...

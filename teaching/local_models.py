@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hm_driver.errors import ConfigurationError
-from teaching import kernels
+from teaching import kernels, storage
 from teaching.kernels import FloatArray, Layout
 from teaching.learner import ModelSet
 
@@ -20,8 +20,6 @@ PRUNE_MODES: Final[dict[str, int]] = {
     "overlap": kernels.PRUNE_OVERLAP,
     "paper": kernels.PRUNE_PAPER,
 }
-FORMAT: Final = 1
-"""Version of the files that :meth:`LocalModels.save` writes."""
 
 
 class LocalModels(ABC):
@@ -31,23 +29,29 @@ class LocalModels(ABC):
         parameters: The arguments of the subclass by name, to be saved; D as a matrix.
         refinement: Numbers of the kernels' parameter vector from TOLERANCE to LEVELS.
         extra: Numbers behind the initial D in the kernels' parameter vector.
-        rows: Number of rows of the table.
+        block: Numbers that a model has beside the table.
         capacity: Number of models that there is room for at first.
+        scales: One input and one output in the learner's own units; None where these are the user's.
     """
 
     def __init__(
         self,
         parameters: dict[str, Any],
         *,
-        refinement: tuple[float, float, float],
-        extra: tuple[float, ...],
-        rows: int,
+        refinement: tuple[float, float, float] = (0.0, 1.0, 1.0),
+        extra: tuple[float, ...] = (),
+        block: int = 0,
         capacity: int,
+        scales: tuple[FloatArray, FloatArray] | None = None,
     ) -> None:
         p = self._parameters = parameters
         check_common(p)
+        require_count("capacity", capacity, 10_000_000)
         n_inputs, n_outputs, D = p["n_inputs"], p["n_outputs"], p["D"]
         self._layout = Layout(n_inputs, n_outputs)
+        self._scales = scales
+        if scales is not None:
+            D = D * np.outer(scales[0], scales[0])
         inverse = np.linalg.inv(D)
         chosen = [p["w_gen"], p["w_prune"], p["lam"], p["P0"], PRUNE_MODES[p["prune"]], *refinement]
         triangle = D[np.triu_indices(n_inputs)]
@@ -55,7 +59,9 @@ class LocalModels(ABC):
         self._state = np.zeros(kernels.STATE_SIZE)
         self._state[kernels.REACH] = math.sqrt(inverse[0, 0])
         self._state[kernels.Q_CUT] = -2.0 * math.log(p["w_cutoff"]) if p["w_cutoff"] > 0.0 else math.inf
-        self._table = np.zeros((rows, columns_for(capacity)))
+        columns = columns_for(capacity)
+        self._table = np.zeros((self._layout.rows + (block > 0), columns))
+        self._blocks = np.zeros((columns if block else 0, block))
         self._x, self._y = np.zeros((1, n_inputs)), np.zeros((1, n_outputs))
         self._scratch = kernels.scratch_for(n_inputs, n_outputs)
 
@@ -102,15 +108,17 @@ class LocalModels(ABC):
     def models(self) -> ModelSet:
         """The local models, oldest first."""
         layout, d, m = self._layout, self.n_inputs, self.n_outputs
-        t = self._table[:, self._by_age()]
-        return ModelSet(
-            centres=t[:d].T.copy(),
-            D=symmetric(t[layout.metric : layout.parameters], d),
-            M=t[layout.parameters : layout.covariance].T.reshape(-1, d + 1, m),
-            P=symmetric(t[layout.covariance : layout.books], d + 1),
-            samples=t[layout.books + kernels.SAMPLES].astype(np.int64),
-            born=t[layout.books + kernels.BORN].astype(np.int64),
-        )
+        order = self._by_age()
+        t = self._table[:, order]
+        centres, D = t[:d].T.copy(), symmetric(t[layout.metric : layout.parameters], d)
+        M, P = t[layout.parameters : layout.covariance].T.reshape(-1, d + 1, m), self._covariances(order)
+        if self._scales is not None:
+            x, y = self._scales
+            x1 = np.append(x, 1.0)
+            centres, D = centres * x, D / np.outer(x, x)
+            M, P = M / x1[:, None] * y, P / np.outer(x1, x1)
+        samples, born = t[layout.books + kernels.SAMPLES], t[layout.books + kernels.BORN]
+        return ModelSet(centres, D, M, P, samples.astype(np.int64), born.astype(np.int64))
 
     def check_parameters(self) -> list[str]:
         """Say which parameters contradict each other, and the consequence."""
@@ -142,6 +150,9 @@ class LocalModels(ABC):
         """
         self._x[0] = x
         self._y[0] = y
+        if self._scales is not None:
+            self._x /= self._scales[0]
+            self._y /= self._scales[1]
         if self._learn(self._x, self._y, 0) != 1:
             if not (np.isfinite(self._x).all() and np.isfinite(self._y).all()):
                 raise ValueError(f"the sample x = {x!r}, y = {y!r} is not finite; it was not learned")
@@ -158,7 +169,9 @@ class LocalModels(ABC):
         Raises:
             ValueError: Shapes are wrong or a value is not finite; nothing is learned.
         """
-        inputs, outputs = self._samples("X", X, self.n_inputs), self._samples("Y", Y, self.n_outputs)
+        inputs, outputs = self._inputs(X), checked("Y", Y, self.n_outputs)
+        if self._scales is not None:
+            outputs = outputs / self._scales[1]
         if len(inputs) != len(outputs):
             raise ValueError(f"X has {len(inputs)} samples and Y {len(outputs)}; they must be as many")
         done = 0
@@ -194,14 +207,14 @@ class LocalModels(ABC):
 
     def share_active(self, X: ArrayLike, w: float) -> float:
         """Share of inputs of shape (n, d) with an activation of at least w."""
-        inputs = self._samples("X", X, self.n_inputs)
+        inputs = self._inputs(X)
         require_between("w", w, 0.0, 1.0, closed=True)
         active: int = kernels.count_active(self._table, self._state, inputs, -2.0 * math.log(w))
         return active / len(inputs)
 
     def activations(self, X: ArrayLike) -> FloatArray:
         """Activation of eq. (2) of every model, oldest first, shape (n, N), at inputs of shape (n, d)."""
-        inputs = self._samples("X", X, self.n_inputs)
+        inputs = self._inputs(X)
         W = np.empty((len(inputs), self.n_models))
         kernels.activations(self._table, self._state, inputs, W)
         return W[:, self._by_age()]
@@ -216,15 +229,19 @@ class LocalModels(ABC):
             raise TypeError(
                 f"query() is for two inputs and one output, not {self.n_inputs} and {self.n_outputs}"
             )
-        result: tuple[float, float] = kernels.query_2d(self._table, self._state, float(x0), float(x1))
-        return result
+        result: tuple[float, float]
+        if self._scales is None:
+            result = kernels.query_2d(self._table, self._state, float(x0), float(x1))
+            return result
+        x, y = self._scales
+        result = kernels.query_2d(self._table, self._state, float(x0) / x[0], float(x1) / x[1])
+        return result[0] * float(y[0]), result[1]
 
     def query_std(self, x0: float, x1: float) -> tuple[float, float, float]:
         """As :meth:`query`, with the standard deviation of :meth:`predict` as the third."""
         y, w_max = self.query(x0, x1)
-        self._x[0] = x0, x1
-        self._y[0] = y
-        return y, w_max, float(self._deviation(self._x, self._y)[0, 0])
+        point = np.array([[x0, x1]], dtype=float)
+        return y, w_max, float(self._deviation(point, np.array([[y]]))[0, 0])
 
     def remove(self, which: ArrayLike) -> int:
         """Remove models, named by indices into :attr:`models` or by a mask of shape (N,).
@@ -240,7 +257,11 @@ class LocalModels(ABC):
         keep[self._by_age()[chosen if chosen.size else []]] = False
         n = int(keep.sum())
         removed = self.n_models - n
-        self._table[:, :n] = self._table[:, : self.n_models][:, keep]
+        kept = self._table[:, : self.n_models][:, keep]
+        if len(self._blocks) and removed:
+            self._blocks[:n] = self._blocks[kept[-1].astype(np.int64)]
+            kept[-1] = np.arange(n)
+        self._table[:, :n] = kept
         self._state[kernels.N_MODELS] = n
         return removed
 
@@ -254,6 +275,31 @@ class LocalModels(ABC):
         low, high = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
         return self.remove(np.all((centres >= low) & (centres <= high), axis=1))
 
+    def remove_ellipse(self, centre: ArrayLike, semi_axes: ArrayLike, *, angle: float = 0.0) -> int:
+        """Remove the models with their centre in an ellipse, a circle or their like of more dimensions.
+
+        Args:
+            centre: Its centre, shape (d,).
+            semi_axes: Its semi-axes [input units], shape (d,), or a number: a circle's radius.
+            angle: By which the first axis is turned towards the second [rad]; for two inputs.
+
+        Returns:
+            How many were removed.
+
+        Raises:
+            ValueError: A semi-axis is not above 0, or an angle was given for other than two inputs.
+        """
+        axes = np.broadcast_to(np.asarray(semi_axes, dtype=float), (self.n_inputs,))
+        if not np.all(axes > 0.0):
+            raise ValueError(f"semi_axes = {semi_axes!r} must be above 0")
+        offset = self.models.centres - np.asarray(centre, dtype=float)
+        if angle != 0.0:
+            if self.n_inputs != 2:
+                raise ValueError(f"an angle turns an ellipse of two inputs, not of {self.n_inputs}")
+            c, s = math.cos(angle), math.sin(angle)
+            offset = offset @ np.array([[c, -s], [s, c]])
+        return self.remove(np.sum((offset / axes) ** 2, axis=1) <= 1.0)
+
     def remove_older(self, n_samples: int) -> int:
         """Remove the models made before the learner had seen n_samples samples; returns how many."""
         return self.remove(self.models.born < n_samples)
@@ -261,57 +307,68 @@ class LocalModels(ABC):
     def copy(self) -> Self:
         """A learner of the same state that shares nothing with this one."""
         other = object.__new__(type(self))
-        other._parameters, other._layout = self._parameters, self._layout
-        other._params, other._state, other._table = (
-            self._params.copy(),
-            self._state.copy(),
-            self._table.copy(),
-        )
-        other._x, other._y = self._x.copy(), self._y.copy()
+        other.__dict__.update(self.__dict__)
+        for name in ("_params", "_state", "_table", "_blocks", "_x", "_y"):
+            setattr(other, name, getattr(self, name).copy())
         other._scratch = kernels.scratch_for(self.n_inputs, self.n_outputs)
         return other
 
     def save(self, path: str | Path) -> None:
-        """Write parameters and models to a file (numpy's npz without pickled objects)."""
-        with Path(path).open("wb") as file:
-            np.savez(
-                file,
-                format=FORMAT,
-                kind=type(self).__name__,
-                state=self._state,
-                table=self._table[:, : self.n_models],
-                **self._parameters,
-            )
+        """Write parameters and models to a file (numpy's npz with the parameters as JSON, no pickle).
+
+        It is written aside and moved into place, so that a file there was before survives a failure.
+
+        Raises:
+            OSError: The file cannot be written.
+        """
+        n = self.n_models
+        arrays = {"state": self._state, "table": self._table[:, :n], "blocks": self._blocks[:n]}
+        storage.write(path, type(self).__name__, self._parameters, arrays)
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Read a learner that :meth:`save` wrote.
+        """Read a learner that :meth:`save` wrote; it goes on as if nothing had happened.
 
         Raises:
-            ConfigurationError: The file is no saved learner, or of another format.
+            ConfigurationError: The file is no saved learner of this kind, damaged, or of another format.
+            OSError: The file cannot be read.
         """
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                stored = {name: file[name] for name in file.files}
-        except ValueError as error:
-            raise ConfigurationError("learner", "is no file that save() wrote", source=str(path)) from error
-        if int(stored.pop("format", 0)) != FORMAT or str(stored.pop("kind", "")) != cls.__name__:
-            raise ConfigurationError(
-                "format", f"is no {cls.__name__} of format {FORMAT}; learn it anew", source=str(path)
-            )
-        table, state = stored.pop("table"), stored.pop("state")
-        D = stored.pop("D")
+        parameters, arrays = storage.read(path, cls.__name__)
+        state, table, blocks = (arrays[name] for name in ("state", "table", "blocks"))
+        n = table.shape[1] if table.ndim == 2 else 0
         make: Callable[..., Self] = cls
-        self = make(
-            D=D, capacity=max(256, table.shape[1]), **{name: value.item() for name, value in stored.items()}
-        )
-        if table.shape[0] != self._table.shape[0] or state.shape != self._state.shape:
-            raise ConfigurationError(
-                "table", f"has the shape {table.shape}; the file is damaged", source=str(path)
-            )
-        self._table[:, : table.shape[1]] = table
-        self._state[:] = state
+        try:
+            self = make(**parameters, capacity=max(256, n))
+        except (TypeError, ConfigurationError) as error:
+            raise storage.damaged(path, f"its parameters are refused: {error}") from error
+        if (
+            state.shape != self._state.shape
+            or table.shape != (self._table.shape[0], n)
+            or blocks.shape != (n if len(self._blocks) else 0, self._blocks.shape[1])
+            or state[kernels.N_MODELS] != n
+            or not all(np.isfinite(array).all() for array in (state[: kernels.Q_CUT], table, blocks))
+            or np.any(np.diff(table[0]) < 0.0)
+            or (len(blocks) and not np.array_equal(np.sort(table[-1]), np.arange(n)))
+        ):
+            raise storage.damaged(path, "its arrays do not fit together")
+        self._table[:, :n], self._blocks[: len(blocks)], self._state[:] = table, blocks, state
         return self
+
+    def warm_up(self) -> None:
+        """Compile what this learner runs, or load it from the cache: before a loop starts, never in it."""
+        other = self.copy()
+        X, Y = np.zeros((2, self.n_inputs)), np.zeros((2, self.n_outputs))
+        other.partial_fit(X, Y).predict(X, return_std=True)
+        other.share_active(X, 0.5)
+        other.activations(X)
+        other.update(X[0], Y[0])
+        if (self.n_inputs, self.n_outputs) == (2, 1):
+            other.query_std(0.0, 0.0)
+
+    def _covariances(self, order: NDArray[np.int64]) -> FloatArray:
+        """P of the models in the columns order, shape (N, d + 1, d + 1), in the learner's own units."""
+        rows = self._table[self._layout.covariance : self._layout.books, order]
+        return symmetric(rows, self.n_inputs + 1)
 
     def _by_age(self) -> NDArray[np.int64]:
         order: NDArray[np.int64] = np.argsort(
@@ -322,31 +379,71 @@ class LocalModels(ABC):
     def _grow(self) -> None:
         table = np.zeros((self._table.shape[0], columns_for(2 * self._table.shape[1])))
         table[:, : self._table.shape[1]] = self._table
+        if len(self._blocks):
+            blocks = np.zeros((table.shape[1], self._blocks.shape[1]))
+            blocks[: len(self._blocks)] = self._blocks
+            self._blocks = blocks
         self._table = table
 
     def _evaluate(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        inputs = self._samples("X", X, self.n_inputs)
+        inputs = self._inputs(X)
         Y, w_max = np.empty((len(inputs), self.n_outputs)), np.empty(len(inputs))
         kernels.predict(self._table, self._state, inputs, Y, w_max, self._scratch)
+        if self._scales is not None:
+            Y *= self._scales[1]
         return Y, w_max
 
     def _deviation(self, X: ArrayLike, Y: FloatArray) -> FloatArray:
-        inputs = self._samples("X", X, self.n_inputs)
-        own, between = np.empty_like(Y), np.empty_like(Y)
-        kernels.deviation(self._table, self._state, inputs, Y, own, between)
-        deviation: FloatArray = np.sqrt(own + between)
+        inputs, V = self._inputs(X), np.empty_like(Y)
+        if self._scales is None:
+            self._variance(inputs, Y, V)
+        else:
+            self._variance(inputs, Y / self._scales[1], V)
+            V *= self._scales[1] ** 2
+        deviation: FloatArray = np.sqrt(V)
         return deviation
 
-    def _samples(self, name: str, values: ArrayLike, width: int) -> FloatArray:
-        array = np.require(values, dtype=np.float64, requirements=["C", "W"])
-        if array.ndim == 1 and width == 1:
-            array = array.reshape(-1, 1)
-        if array.ndim != 2 or array.shape[1] != width:
-            raise ValueError(f"{name} has the shape {np.shape(values)}; it must be (n, {width})")
-        if not np.isfinite(array).all():
-            bad = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
-            raise ValueError(f"{name}[{bad}] = {array[bad]} is not finite; nothing was learned")
-        return array
+    def _variance(self, X: FloatArray, Y: FloatArray, V: FloatArray) -> None:
+        """Fill V with the variances at X for its predictions Y, in the learner's own units."""
+        between = np.empty_like(V)
+        kernels.deviation(self._table, self._state, X, Y, V, between)
+        V += between
+
+    def _inputs(self, X: ArrayLike) -> FloatArray:
+        inputs = checked("X", X, self.n_inputs)
+        return inputs if self._scales is None else inputs / self._scales[0]
+
+
+def checked(name: str, values: ArrayLike, width: int) -> FloatArray:
+    """Values as an array of shape (n, width).
+
+    Raises:
+        ValueError: The shape is wrong or a value is not finite.
+    """
+    array = np.require(values, dtype=np.float64, requirements=["C", "W"])
+    if array.ndim == 1 and width == 1:
+        array = array.reshape(-1, 1)
+    if array.ndim != 2 or array.shape[1] != width:
+        raise ValueError(f"{name} has the shape {np.shape(values)}; it must be (n, {width})")
+    if not np.isfinite(array).all():
+        bad = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
+        raise ValueError(f"{name}[{bad}] = {array[bad]} is not finite; nothing was learned")
+    return array
+
+
+def scale_vector(name: str, scale: ArrayLike | None, width: int) -> FloatArray:
+    """A positive scale for each input or output, shape (width,), from a number, a list or None for 1.
+
+    Raises:
+        ConfigurationError: The shape is wrong or a scale is not above 0.
+    """
+    given = np.asarray(1.0 if scale is None else scale, dtype=float)
+    if given.shape not in ((), (width,)):
+        raise ConfigurationError(name, f"has the shape {given.shape}; it must be a number or ({width},)")
+    if not (np.isfinite(given).all() and np.all(given > 0.0)):
+        raise ConfigurationError(name, f"{given.tolist()} must be finite and above 0")
+    vector: FloatArray = np.broadcast_to(given, (width,)).copy()
+    return vector
 
 
 def check_common(p: dict[str, Any]) -> None:

@@ -16,7 +16,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from teaching import kernels
-from teaching.kernels import FloatArray, Layout
+from teaching.kernels import FloatArray
 from teaching.local_models import LocalModels, Prune, metric_matrix, require_between, require_count
 
 
@@ -83,7 +83,6 @@ class LWR(LocalModels):
     ) -> None:
         require_count("n_inputs", n_inputs, 1000)
         require_count("n_outputs", n_outputs, 1000)
-        require_count("capacity", capacity, 10_000_000)
         require_count("levels", levels, 8)
         require_between("ratio", ratio, 1.0, 1000.0, closed=True)
         require_between("tolerance", tolerance, 0.0, 10.0, closed=True)
@@ -104,8 +103,6 @@ class LWR(LocalModels):
         super().__init__(
             parameters,
             refinement=(tolerance, ratio, levels),
-            extra=(),
-            rows=Layout(n_inputs, n_outputs).rows,
             capacity=capacity,
         )
 

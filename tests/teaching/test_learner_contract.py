@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from teaching.lwpr import LWPR
 from teaching.lwr import LWR
 from teaching.rfwr import RFWR
 
@@ -14,6 +15,8 @@ LEARNERS = {
     "forgetful": lambda d=2, m=1: LWR(d, m, lam=0.995),
     "refining": lambda d=2, m=1: LWR(d, m, levels=3),
     "rfwr": lambda d=2, m=1: RFWR(d, m, D=400.0),
+    "scaled": lambda d=2, m=1: RFWR(d, m, D=400.0, input_scale=0.2, output_scale=0.05),
+    "lwpr": lambda d=2, m=1: LWPR(d, m, D=400.0),
 }
 
 

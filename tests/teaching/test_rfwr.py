@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from hm_driver.errors import ConfigurationError
-from teaching import rfwr_kernels
-from teaching.kernels import D0, Layout
+from teaching import rfwr_kernels, shape_kernels
+from teaching.kernels import D0
 from teaching.rfwr import RFWR
 
 GAMMA = 1e-3
@@ -51,27 +51,28 @@ def sum_of_steps(U, X, Y, centre):
     d, m = X.shape[1], Y.shape[1]
     w, e, h, P, Z = field(U, X, Y, centre)
     before = np.sum(e**2, axis=1) / (1.0 - h) ** 2
-    layout = rfwr_kernels.AdaptiveLayout(Layout(d, m))
-    singles, H = rfwr_kernels.first_row(d, m), rfwr_kernels.statistics_row(d, m)
+    n_triangle = d * (d + 1) // 2
+    H, size = shape_kernels.shape_end(d), rfwr_kernels.block_size(d, m)
     upper, rate = np.triu_indices(d), 1e-6
-    params = np.concatenate((np.zeros(D0 + len(upper[0])), [GAMMA, rate, 0.0, 1.0, 1.0, 0.0]))
-    total = np.zeros(len(upper[0]))
+    params = np.concatenate((np.zeros(D0 + n_triangle), [GAMMA, rate, 0.0, 1.0, 1.0, 0.0]))
+    total = np.zeros(n_triangle)
     for k in range(len(X)):
         others = np.arange(len(X)) != k
-        table = np.zeros((layout.rows, 1))
-        table[:d, 0], table[d : d + len(upper[0]), 0] = centre, (U.T @ U)[upper]
-        table[singles + rfwr_kernels.CROSS, 0] = np.sum(w * before)
-        row = layout.factor
-        table[row : row + len(upper[0]), 0] = U[upper]
-        table[row + len(upper[0]) : row + 2 * len(upper[0]), 0] = np.log(rate)
+        table, blocks = np.zeros((d + n_triangle, 1)), np.zeros((1, size))
+        table[:d, 0], table[d:, 0] = centre, (U.T @ U)[upper]
+        blocks[0, shape_kernels.CROSS] = np.sum(w * before)
+        row = shape_kernels.SINGLES
+        blocks[0, row : row + n_triangle] = U[upper]
+        blocks[0, row + n_triangle : row + 2 * n_triangle] = np.log(rate)
         share = (w / (1.0 - h))[others, None] * Z[others]
-        table[H : H + (d + 1) * m, 0] = (share.T @ (e / (1.0 - h)[:, None])[others]).ravel()
+        blocks[0, H : H + (d + 1) * m] = (share.T @ (e / (1.0 - h)[:, None])[others]).ravel()
         R = (share * (w * before)[others, None]).T @ Z[others]
-        table[H + (d + 1) * m :, 0] = R[np.triu_indices(d + 1)]
+        blocks[0, H + (d + 1) * m :] = R[np.triu_indices(d + 1)]
         g, W = P @ Z[k], w.sum()
-        slopes = rfwr_kernels.cost_slope(table, 0, d, m, W, w[k], before[k], h[k], g, e[k].copy())
-        rfwr_kernels.adapt(table, params, 0, d, m, W, w[k], 1.0, *slopes, Z[k].copy(), np.empty(d + 1))
-        total += (U[upper] - table[row : row + len(upper[0]), 0]) / rate
+        slopes = rfwr_kernels.cost_slope(blocks, 0, W, w[k], before[k], h[k], g, e[k].copy())
+        v = np.empty(d + 1)
+        shape_kernels.adapt(table, blocks, params, 0, 0, d, m, W, w[k], 1.0, *slopes, Z[k].copy(), v)
+        total += (U[upper] - blocks[0, row : row + n_triangle]) / rate
     return total
 
 
@@ -140,7 +141,7 @@ def test_an_adaptive_learner_stays_finite_on_degenerate_data():
         ({"tau": 0.0}, "tau"),
         ({"lam_final": 1.1}, "lam_final"),
         ({"penalty": -1.0}, "penalty"),
-        ({"rate": 0.0}, "rate"),
+        ({"rate": -1.0}, "rate"),
     ],
 )
 def test_rates_out_of_range_are_refused_by_name(arguments, field_name):
