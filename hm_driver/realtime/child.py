@@ -13,6 +13,7 @@ import signal
 import struct
 import subprocess
 import sys
+from collections.abc import Sequence
 
 _LENGTH = struct.Struct("@Q")
 _BOOTSTRAP = (
@@ -21,14 +22,22 @@ _BOOTSTRAP = (
 )
 
 
-def spawn(module: str, function: str, argument: object) -> "subprocess.Popen[bytes]":
+def spawn(
+    module: str, function: str, argument: object, *, pass_fds: Sequence[int] = ()
+) -> "subprocess.Popen[bytes]":
     """Start ``module.function()`` in a new process with an argument for `receive_argument`.
 
     The child is in a session of its own: Ctrl-C in the terminal is the application's to judge.
+
+    Args:
+        module: Where the function is.
+        function: What the process runs; takes no argument.
+        argument: What `receive_argument` returns in it; pickled.
+        pass_fds: File descriptors that stay open in it under their numbers.
     """
     command = [sys.executable, "-c", _BOOTSTRAP, json.dumps(sys.path), module, function]
     process = subprocess.Popen(  # our own interpreter and module
-        command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, start_new_session=True
+        command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, start_new_session=True, pass_fds=pass_fds
     )
     payload = pickle.dumps(argument)
     if process.stdin is not None:

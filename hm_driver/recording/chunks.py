@@ -29,14 +29,24 @@ class ChunkBuilder:
         """How many there are."""
         self.counts: dict[int, int] = {}
         """Messages written so far on each channel; goes on from chunk to chunk."""
+        self.sequences: dict[int, int] = {}
+        """Next sequence number of each channel: a gap is a message that was lost."""
         self.start_time_ns = 0
         self.end_time_ns = 0
         self._indexes: dict[int, array[int]] = {}
 
-    def add(self, channel: int, log_time_ns: int, payload: bytes) -> None:
-        """Append one message; its MCAP sequence number is the count of its channel."""
-        count = self.counts.get(channel, 0)
-        self.counts[channel] = count + 1
+    def add(self, channel: int, log_time_ns: int, payload: bytes, skipped: int = 0) -> None:
+        """Append one message; its MCAP sequence number counts its channel's, skipped ones included.
+
+        Args:
+            channel: Id of the channel.
+            log_time_ns: Time of the message [ns].
+            payload: The message.
+            skipped: Messages of this channel that were lost just before this one.
+        """
+        self.counts[channel] = self.counts.get(channel, 0) + 1
+        sequence = self.sequences.get(channel, 0) + skipped
+        self.sequences[channel] = sequence + 1
         index = self._indexes.get(channel)
         if index is None:
             index = self._indexes[channel] = array("Q")
@@ -48,16 +58,18 @@ class ChunkBuilder:
             _MESSAGE,
             _LENGTH_OF_FIXED_PART + len(payload),
             channel,
-            count & 0xFFFFFFFF,
+            sequence & 0xFFFFFFFF,
             log_time_ns,
             log_time_ns,
         )
         self.data += payload
 
-    def add_bundle(self, slices: Sequence[tuple[int, int, int]], log_time_ns: int, payload: bytes) -> None:
+    def add_bundle(
+        self, slices: Sequence[tuple[int, int, int]], log_time_ns: int, payload: bytes, skipped: int = 0
+    ) -> None:
         """Append the messages of a bundle; slices are channel, start and end of each in the payload."""
         for channel, start, end in slices:
-            self.add(channel, log_time_ns, payload[start:end])
+            self.add(channel, log_time_ns, payload[start:end], skipped)
 
     def _widen(self, log_time_ns: int) -> None:
         if not self.messages:

@@ -4,25 +4,31 @@ It cannot disturb the loop, survives Ctrl-C, and ends by itself with a complete 
 """
 
 import contextlib
-import multiprocessing
 import signal
+import subprocess
+import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from multiprocessing import Pipe
 from multiprocessing.connection import Connection
-from multiprocessing.context import SpawnProcess
 from pathlib import Path
 
 from hm_driver.errors import RecordingError
+from hm_driver.realtime.child import spawn
 from hm_driver.recording.recorder_main import (
     RecorderJob,
     RecorderOptions,
     RecorderStatus,
     RingSource,
+    part_path,
     run_recorder,
 )
 from hm_driver.recording.schemas import DEVICE_CHANNELS, LOOP_BUNDLE, Bundle, Channel
 from hm_driver.recording.writer import Attachment
+
+_WATCH_S = 0.2
+"""How often a recorder that is tended is looked after [s]."""
 
 __all__ = ["RecorderOptions", "RecorderProcess", "RecorderStatus", "RingSource"]
 
@@ -61,10 +67,13 @@ class RecorderProcess:
             options=options or RecorderOptions(),
         )
         self._parts = 0
-        self._process: SpawnProcess | None = None
+        self._process: subprocess.Popen[bytes] | None = None
         self._link: Connection | None = None
         self._status = RecorderStatus(path=self._job.path)
         self._is_asked = False
+        self._lock = threading.RLock()
+        self._has_ended = threading.Event()
+        self._watcher: threading.Thread | None = None
 
     @property
     def pid(self) -> int | None:
@@ -74,7 +83,7 @@ class RecorderProcess:
     @property
     def is_alive(self) -> bool:
         """Whether the process runs."""
-        return self._process is not None and self._process.is_alive()
+        return self._process is not None and self._process.poll() is None
 
     def start(self, timeout_s: float = 20.0) -> None:
         """Start the process and wait until the file is open.
@@ -105,37 +114,60 @@ class RecorderProcess:
         except EOFError:
             answer = None
         if not isinstance(answer, RecorderStatus) or answer.problem:
-            self.close()
+            self._end()
             reason = answer.problem if answer else f"it did not come up within {timeout_s:g} s"
             raise RecordingError(f"the recorder could not start: {reason}")
         self._status = answer
 
     def _launch(self) -> None:
         self._parts += 1
-        path = self._job.path
-        if self._parts > 1:
-            path = path.with_suffix(f".part{self._parts}{path.suffix}")
-        job = replace(self._job, path=path, part=self._parts)
-        context = multiprocessing.get_context("spawn")
-        link, other = context.Pipe()
-        process = context.Process(target=run_recorder, args=(other, job), name="hm-recorder", daemon=True)
-        with _interrupts_blocked():
-            process.start()
-        other.close()
+        link, other = Pipe()
+        job = replace(self._job, part=self._parts, link_fd=other.fileno())
+        with other, _interrupts_blocked():
+            process = spawn(run_recorder.__module__, run_recorder.__name__, job, pass_fds=[other.fileno()])
         self._process, self._link, self._is_asked = process, link, False
-        self._status = RecorderStatus(path=path)
+        self._status = RecorderStatus(path=part_path(job.path, self._parts))
+
+    def tend(self, tell: Callable[[str], None]) -> None:
+        """From now on restart the process where it dies; what it did not write waits in the rings.
+
+        Args:
+            tell: Called from the thread with what a user should know: a restart, or a disk that fails.
+        """
+        self._watcher = threading.Thread(
+            target=self._watch, args=(tell,), name="hm-recorder-watch", daemon=True
+        )
+        self._watcher.start()
+
+    def _watch(self, tell: Callable[[str], None]) -> None:
+        told = ""
+        while not self._has_ended.wait(_WATCH_S):
+            with self._lock:
+                if self._has_ended.is_set():
+                    return
+                try:
+                    if self.restart_if_dead():
+                        tell(f"the recorder died; the log goes on in {self._status.path.name}")
+                except RecordingError as error:
+                    tell(f"the log ends here, the device goes on: {error}")
+                    return
+                problem = self.status().problem
+            if problem and problem != told:
+                tell(f"nothing more is logged, the device goes on: {problem}")
+                told = problem
 
     def status(self) -> RecorderStatus:
         """The last that the recorder told; asks for news without waiting for them."""
-        if self._link is not None and self.is_alive:
-            with contextlib.suppress(OSError, EOFError):
-                while self._link.poll():
-                    self._status = self._link.recv()
-                    self._is_asked = False
-                if not self._is_asked:
-                    self._link.send("status")
-                    self._is_asked = True
-        return self._status
+        with self._lock:
+            if self._link is not None and self.is_alive:
+                with contextlib.suppress(OSError, EOFError):
+                    while self._link.poll():
+                        self._status = self._link.recv()
+                        self._is_asked = False
+                    if not self._is_asked:
+                        self._link.send("status")
+                        self._is_asked = True
+            return self._status
 
     def restart_if_dead(self, timeout_s: float = 20.0) -> bool:
         """Go on in a new part if the process died, with what the rings hold; returns whether it had died.
@@ -143,9 +175,9 @@ class RecorderProcess:
         Raises:
             RecordingError: if the new process does not come up.
         """
-        if self._process is None or self._process.is_alive():
+        if self._process is None or self._process.poll() is None:
             return False
-        self.close()
+        self._end()
         self._launch()
         self.wait_until_open(timeout_s)
         return True
@@ -156,14 +188,14 @@ class RecorderProcess:
         Raises:
             RecordingError: if the process has died or does not end in time.
         """
+        self._stop_watching()
         if self._process is None or self._link is None:
             raise RecordingError("the recorder is not running")
         try:
             self._link.send("stop")
             final = _receive_final(self._link, timeout_s)
         except (OSError, EOFError) as error:
-            self._process.join(1.0)
-            code = self._process.exitcode
+            code = _exit_code(self._process, 1.0)
             raise RecordingError(
                 f"the recorder died (exit code {code}); {self._status.path} is readable up to its last flush"
             ) from error
@@ -174,15 +206,24 @@ class RecorderProcess:
 
     def close(self) -> None:
         """End the process whatever it does; idempotent. What it has not written is lost: `stop` first."""
+        self._stop_watching()
+        self._end()
+
+    def _stop_watching(self) -> None:
+        self._has_ended.set()
+        if self._watcher is not None and self._watcher is not threading.current_thread():
+            self._watcher.join()
+
+    def _end(self) -> None:
         if self._link is not None:
             self._link.close()
             self._link = None
         if self._process is not None:
-            self._process.join(5.0)  # the closed pipe tells it to finish the file
-            if self._process.is_alive():
+            if self._process.stdin is not None:
+                self._process.stdin.close()
+            if _exit_code(self._process, 5.0) is None:  # the closed connection tells it to finish the file
                 self._process.kill()
-                self._process.join()
-            self._process.close()
+                self._process.wait()
             self._process = None
 
     def __enter__(self) -> "RecorderProcess":
@@ -204,6 +245,12 @@ def _interrupts_blocked() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _exit_code(process: "subprocess.Popen[bytes]", timeout_s: float) -> int | None:
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        return process.wait(timeout_s)
+    return None
 
 
 def _receive_final(link: Connection, timeout_s: float) -> RecorderStatus:

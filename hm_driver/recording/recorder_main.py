@@ -1,15 +1,17 @@
 """What happens inside the recorder's process: drain, write, sync, and end with a complete file."""
 
 import contextlib
+import math
 import mmap
 import signal
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from hm_driver.errors import RecordingError
+from hm_driver.errors import ConfigurationError, RecordingError
+from hm_driver.realtime.child import receive_argument
 from hm_driver.recording.ring import Ring
 from hm_driver.recording.schemas import Bundle, Channel
 from hm_driver.recording.spooler import Spooler
@@ -65,6 +67,18 @@ class RecorderOptions:
     """Size at which a chunk ends, uncompressed [B]."""
     sync_interval_s: float = 0.5
     """Most that a power cut may lose [s of wall time]."""
+    split_bytes: float = math.inf
+    """Size from which on the log goes on in another part [B]."""
+    split_s: float = math.inf
+    """Duration after which the log goes on in another part [s of wall time]."""
+
+    def __post_init__(self) -> None:
+        for name, least in (("chunk_bytes", 1024), ("split_bytes", 1 << 16)):
+            if not getattr(self, name) >= least:
+                raise ConfigurationError(name, f"{getattr(self, name)} B must be {least} B or more")
+        for name, least_s in (("sync_interval_s", 0.001), ("split_s", 1.0)):
+            if not getattr(self, name) >= least_s:
+                raise ConfigurationError(name, f"{getattr(self, name)} s must be {least_s} s or more")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,7 +99,7 @@ class RecorderStatus:
     """Whether the file is finished and the process about to end."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True)
 class RecorderJob:
     """Everything that the process is told at its start."""
 
@@ -103,8 +117,34 @@ class RecorderJob:
     """Files inside the log."""
     options: RecorderOptions
     """How to write."""
+    link_fd: int = -1
+    """Descriptor of the connection to the parent, in the recorder's process."""
     part: int = 1
-    """Which part of the log this is; the first unless a recorder died."""
+    """Which part of the log comes first; the second or a later one where a recorder died before."""
+
+    def open_part(self) -> LogWriter:
+        """Make the file of the first part from `part` on that is not there yet.
+
+        Raises:
+            RecordingError: if it cannot be made, or `path` exists and is to be the first.
+        """
+        part = self.part
+        while part > 1 and part_path(self.path, part).exists():
+            part += 1
+        self.part = part + 1
+        return LogWriter(
+            part_path(self.path, part),
+            self.channels,
+            metadata={**self.metadata, "part": {"number": str(part), "log": self.path.name}},
+            attachments=self.attachments,
+            compression=self.options.compression,
+            chunk_bytes=self.options.chunk_bytes,
+        )
+
+
+def part_path(path: Path, part: int) -> Path:
+    """The file of a part of a log: the log's own for the first, ``NAME.partN.mcap`` for others."""
+    return path if part == 1 else path.with_suffix(f".part{part}{path.suffix}")
 
 
 class _Terminated:
@@ -119,25 +159,23 @@ class _Terminated:
         self.is_set = True
 
 
-def run_recorder(link: Connection, job: RecorderJob) -> None:
+def run_recorder() -> None:
     """Main function of the process: drain the rings until told to stop, or until the parent is gone."""
+    job = receive_argument()
+    if not isinstance(job, RecorderJob):
+        raise SystemExit(f"the recorder was started without a job: {job!r}")
     terminated = _Terminated()
     with contextlib.ExitStack() as stack:
+        link = stack.enter_context(Connection(job.link_fd))
         try:
             rings = [stack.enter_context(source.open()) for source in job.rings]
-            writer = LogWriter(
-                job.path,
-                job.channels,
-                metadata=job.metadata,
-                attachments=job.attachments,
-                compression=job.options.compression,
-                chunk_bytes=job.options.chunk_bytes,
-            )
+            is_continued = job.part > 1
+            writer = job.open_part()
         except (OSError, ValueError) as error:
             link.send(RecorderStatus(path=job.path, problem=str(error)))
             return
-        spooler = Spooler(rings, writer, job.bundles, is_continued=job.part > 1)
-        session = _Session(link, rings, writer, spooler, job.options)
+        spooler = Spooler(rings, writer, job.bundles, is_continued=is_continued)
+        session = _Session(link, writer, spooler, job)
         link.send(session.status())
         session.run(terminated)
 
@@ -148,16 +186,17 @@ class _Session:
     def __init__(
         self,
         link: Connection,
-        rings: Sequence[Ring],
         writer: LogWriter,
         spooler: Spooler,
-        options: RecorderOptions,
+        job: RecorderJob,
     ) -> None:
         self._link = link
-        self._rings = rings
         self._writer = writer
         self._spooler = spooler
-        self._sync_interval_s = options.sync_interval_s
+        self._job = job
+        self._options = job.options
+        self._began = time.monotonic()
+        self._written = 0
         self._unwritten = 0
         self._problem = ""
 
@@ -166,8 +205,8 @@ class _Session:
         while not (self._is_asked_to_stop() or terminated.is_set):
             moved = self._spool()
             now = time.monotonic()
-            if now - last_sync >= self._sync_interval_s:
-                self._guarded(self._writer.sync)
+            if now - last_sync >= self._options.sync_interval_s:
+                self._guarded(self._sync)
                 last_sync = now
             if moved < _BUSY_RECORDS:
                 time.sleep(_POLL_S)
@@ -200,11 +239,26 @@ class _Session:
             return action() or 0
         except OSError as error:
             self._problem = f"{self._writer.path}: {error.strerror or error}"
-            self._unwritten = self._spooler.messages - self._writer.messages_written
+            self._unwritten = self._spooler.messages - self._written - self._writer.messages_written
             self._writer.abandon()
             return 1
 
+    def _sync(self) -> None:
+        self._spooler.settle()
+        self._writer.sync()
+        options, age_s = self._options, time.monotonic() - self._began
+        if self._writer.bytes_written >= options.split_bytes or age_s >= options.split_s:
+            self._split()
+
+    def _split(self) -> None:
+        following = self._job.open_part()
+        self._finish()
+        self._written += self._writer.messages_written
+        self._spooler.follow(following)
+        self._writer, self._began = following, time.monotonic()
+
     def _finish(self) -> None:
+        self._spooler.settle()
         self._writer.add_metadata(
             "recording",
             {"messages": str(self._spooler.messages), "lost": str(self._spooler.lost)},

@@ -3,8 +3,9 @@
 Standard library only. Layout: eight 64-bit words (`head`, `tail`, `dropped`, `capacity`, and four spare),
 then the records: ``u32 size, u16 channel, u16 flags, i64 log_time_ns, u64 sequence``, the payload,
 and padding to eight bytes. `head` and `tail` only ever grow; their place in the ring is the remainder by the
-capacity. The writer alone moves `head`, behind a complete record; the reader alone moves `tail`. Both are
-aligned 64-bit words written by one store, and a processor that keeps stores in order (x86) needs no more than
+capacity. The writer alone moves `head`, behind a complete record; the reader alone moves `tail`, and only
+when it has brought what it read to safety: a reader that dies before leaves it to the next. Both are aligned
+64-bit words written by one store, and a processor that keeps stores in order (x86) needs no more than
 that. On others the interpreter's own work between two stores makes a reordering unlikely, not impossible: a
 record whose header makes no sense raises.
 """
@@ -113,7 +114,7 @@ class Ring:
 
     @property
     def used(self) -> int:
-        """Bytes written and not yet read."""
+        """Bytes written and not yet released by the reader."""
         return self._words[_HEAD] - self._words[_TAIL]
 
     @property
@@ -216,7 +217,9 @@ class Ring:
         return True
 
     def drain(self, max_bytes: int = 1 << 20) -> list[Record]:
-        """Take records out of the ring, in the order in which they were written.
+        """Read the records that follow those read before, in the order in which they were written.
+
+        Their memory stays theirs until `release`.
 
         Args:
             max_bytes: Where to stop [B]; the record that passes it is still taken.
@@ -225,7 +228,7 @@ class Ring:
             RecordingError: if a record's header makes no sense: the memory is damaged.
         """
         words, data, capacity = self._words, self.data, self._capacity
-        tail, head = words[_TAIL], words[_HEAD]
+        tail, head = self._tail, words[_HEAD]
         stop = min(head, tail + max_bytes)
         unpack = RECORD_HEADER.unpack_from
         records = []
@@ -241,8 +244,17 @@ class Ring:
             if end > capacity or tail > head:
                 raise RecordingError(f"the ring is damaged: a record of {size} B at {place} of {capacity} B")
             records.append(Record(channel, flags, log_time_ns, sequence, bytes(data[start:end])))
-        words[_TAIL] = tail
+        self._tail = tail
         return records
+
+    @property
+    def unreleased(self) -> int:
+        """Bytes that `drain` has read and `release` has not given back."""
+        return self._tail - self._words[_TAIL]
+
+    def release(self) -> None:
+        """Give the memory of what `drain` has read back to the writer: it is safe elsewhere."""
+        self._words[_TAIL] = self._tail
 
     def close(self) -> None:
         """Let go of the memory, so that its owner can release it; idempotent."""

@@ -1,7 +1,6 @@
 """Taking records out of rings and into a log. No process of its own: the recorder gives it one."""
 
 from collections.abc import Iterable, Sequence
-from operator import attrgetter
 
 from hm_driver.recording.ring import Record, Ring
 from hm_driver.recording.schemas import Bundle
@@ -13,11 +12,15 @@ _BATCH_BYTES = 1 << 20
 class Spooler:
     """Drains rings into a writer, and counts what never arrived.
 
+    Memory is given back to the writers of the rings once the records in it are in the file, so that a
+    recorder that is killed loses nothing: the next one reads them again. A gap in a ring's sequence numbers
+    becomes a gap in those of the file.
+
     Args:
         rings: The rings, as their reader.
         writer: Where the messages go.
         bundles: Bundles that may stand in the rings; they become messages of their channels.
-        is_continued: Whether another reader emptied the rings before: what it took is not counted as lost.
+        is_continued: Whether another reader emptied the rings before: sequence numbers go on from there.
     """
 
     def __init__(
@@ -42,44 +45,73 @@ class Spooler:
         """Move what the rings hold, up to 1 MiB each, in the order of log time; returns the records moved.
 
         Raises:
-            OSError: if the disk fails; the records of this call are lost.
+            OSError: if the disk fails; what is not in the file stays in the rings.
             RecordingError: if a ring is damaged.
         """
-        records: list[Record] = []
+        records: list[tuple[Record, int]] = []
         for ring, expected in zip(self._rings, self._expected, strict=True):
-            taken = ring.drain(_BATCH_BYTES)
-            self._count_gaps(taken, expected)
-            records += taken
+            records += self._taken(ring, expected)
         if len(self._rings) > 1:
-            records.sort(key=attrgetter("log_time_ns"))
+            records.sort(key=_log_time)
         chunk, slices_of = self._writer.chunk, self._slices
-        for channel, _, log_time_ns, _, payload in records:
+        for (channel, _, log_time_ns, _, payload), skipped in records:
             slices = slices_of.get(channel)
             if slices is None:
-                chunk.add(channel, log_time_ns, payload)
+                chunk.add(channel, log_time_ns, payload, skipped)
             else:
-                chunk.add_bundle(slices, log_time_ns, payload)
+                chunk.add_bundle(slices, log_time_ns, payload, skipped)
             self._writer.end_full_chunk()
+        if any(ring.unreleased >= min(self._writer.chunk_bytes, ring.capacity // 4) for ring in self._rings):
+            self.settle()
         return len(records)
+
+    def settle(self) -> None:
+        """Bring what was read into the file and release its memory; raises OSError as `spool` does."""
+        self._writer.end_chunk()
+        for ring in self._rings:
+            ring.release()
+
+    def follow(self, writer: LogWriter) -> None:
+        """Go on in another file: the one before is finished, and its sequence numbers go on."""
+        writer.chunk.sequences = self._writer.chunk.sequences
+        self._writer = writer
 
     def discard(self) -> int:
         """Empty the rings without writing, so that their writers go on; returns the messages thrown away."""
         thrown = 0
         for ring, expected in zip(self._rings, self._expected, strict=True):
-            taken = ring.drain(_BATCH_BYTES)
-            self._count_gaps(taken, expected)
-            thrown += sum(self._messages_in(record.channel) for record in taken)
+            thrown += sum(self._messages_in(record.channel) for record, _ in self._taken(ring, expected))
+            ring.release()
         return thrown
 
     def _messages_in(self, channel: int) -> int:
         return len(self._slices.get(channel, (None,)))
 
-    def _count_gaps(self, taken: Iterable[Record], expected: dict[int, int]) -> None:
-        for record in taken:
-            messages = self._messages_in(record.channel)
+    def _taken(self, ring: Ring, expected: dict[int, int]) -> list[tuple[Record, int]]:
+        """Records of a ring, each with how many records of its channel were lost before it."""
+        taken = []
+        for record in ring.drain(_BATCH_BYTES):
+            channel, sequence = record.channel, record.sequence
+            messages = self._messages_in(channel)
             self.messages += messages
-            first = record.sequence if self._is_continued else 0
-            gap = record.sequence - expected.get(record.channel, first)
-            if gap > 0:  # a negative one is a writer that started again
-                self.lost += gap * messages
-            expected[record.channel] = record.sequence + 1
+            due = expected.get(channel)
+            if due is None:
+                due = self._begin(channel, sequence)
+            gap = max(0, sequence - due)  # behind it is a writer that started again
+            self.lost += gap * messages
+            expected[channel] = sequence + 1
+            taken.append((record, gap))
+        return taken
+
+    def _begin(self, channel: int, sequence: int) -> int:
+        """The sequence number due first on a channel of a ring."""
+        if not self._is_continued:
+            return 0
+        sequences = self._writer.chunk.sequences
+        for number, _, _ in self._slices.get(channel, ((channel, 0, 0),)):
+            sequences.setdefault(number, sequence)
+        return sequence
+
+
+def _log_time(taken: tuple[Record, int]) -> int:
+    return taken[0].log_time_ns

@@ -87,7 +87,7 @@ class LogWriter:
         self.chunk = ChunkBuilder()
         self._compression = compression
         self._compress = _compressor(compression)
-        self._chunk_bytes = chunk_bytes
+        self.chunk_bytes = chunk_bytes
         self.bytes_written = 0
         """Bytes in the file so far."""
         self.messages_written = 0
@@ -134,7 +134,7 @@ class LogWriter:
 
     def end_full_chunk(self) -> None:
         """Write the chunk if it has its size; for those who fill `chunk` themselves."""
-        if len(self.chunk.data) >= self._chunk_bytes:
+        if len(self.chunk.data) >= self.chunk_bytes:
             self.end_chunk()
 
     def end_chunk(self) -> None:

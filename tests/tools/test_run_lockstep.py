@@ -3,7 +3,9 @@
 import dataclasses
 import json
 import math
-import multiprocessing
+import os
+import signal
+import time
 from functools import cache
 
 import numpy as np
@@ -11,9 +13,10 @@ import pytest
 from mcap.reader import make_reader
 
 from emulator.in_process import LockstepEmulator
-from hm_driver.errors import RecordingError, SafetyTrip
+from hm_driver.errors import SafetyTrip
 from hm_driver.realtime.modes import LimitOptions, ModeOptions
 from hm_driver.recording.reader import Recording
+from hm_driver.recording.recorder import RecorderProcess
 from teaching.hands.simulated import DemonstratorOptions
 from teaching.kernels import warm_up
 from teaching.session import ForceFeedback, SessionOptions, Stage
@@ -49,9 +52,10 @@ TINY = 1e-6
 class Watcher:
     """A view that lets a test have its say after each tick."""
 
-    def __init__(self, react=None):
+    def __init__(self, react=None, tell=None):
         self.times = []
         self.react = react
+        self.tell = tell
 
     def show(self, time_s, session, *_):
         self.times.append(time_s)
@@ -59,9 +63,9 @@ class Watcher:
             self.react(time_s, session)
 
 
-def run(directory, *, seed=1, name="session", react=None, options=OPTIONS):
+def run(directory, *, seed=1, name="session", react=None, tell=None, options=OPTIONS):
     request = TeachRequest(options=options, task=load_task("paper"), seed=seed, output=directory)
-    return lockstep.run_lockstep(request, Watcher(react), name=name)
+    return lockstep.run_lockstep(request, Watcher(react, tell), name=name)
 
 
 def messages(path):
@@ -234,18 +238,33 @@ def test_an_interrupt_stops_the_device_and_leaves_a_complete_log(emulators, tmp_
     check_readable(tmp_path / "session.mcap", trip="")
 
 
-def test_a_recorder_that_dies_ends_the_session_with_an_error_and_the_device_stopped(emulators, tmp_path):
+@pytest.mark.filterwarnings("ignore:.*:UserWarning")
+def test_a_session_whose_recorder_is_killed_goes_on_in_another_part_and_loses_nothing(
+    emulators, tmp_path, monkeypatch
+):
+    recorders, told = [], []
+    started = RecorderProcess.launch
+    monkeypatch.setattr(RecorderProcess, "launch", lambda it: (recorders.append(it), started(it)))
+
     def kill_recorder(time_s, _):
         if math.isclose(time_s, 0.5):
-            (recorder,) = multiprocessing.active_children()
-            recorder.kill()
+            os.kill(recorders[0].pid, signal.SIGKILL)
+        if math.isclose(time_s, 0.55):
+            deadline = time.monotonic() + 20.0
+            while not told and time.monotonic() < deadline:
+                time.sleep(0.01)
 
     options = dataclasses.replace(
         OPTIONS, session=dataclasses.replace(OPTIONS.session, practice=0.2, give_up=0.6)
     )
-    with pytest.raises(RecordingError, match="recorder died"):
-        run(tmp_path, react=kill_recorder, options=options)
+    run(tmp_path, react=kill_recorder, tell=told.append, options=options)
     assert emulators[0].truth().state == "stop"
+    assert told == ["the recorder died; the log goes on in session.part2.mcap"]
+    times = []
+    for name in ("session.mcap", "session.part2.mcap"):
+        with Recording(tmp_path / name) as log:
+            times += log.columns("/device/state", names=())["log_time_ns"].tolist()
+    assert np.diff(sorted(set(times))).tolist() == [1_000_000] * (len(set(times)) - 1)
 
 
 def test_the_user_can_begin_the_autonomous_run_from_the_view(tmp_path):

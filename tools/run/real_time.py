@@ -82,7 +82,7 @@ def run_real_time(request: TeachRequest, view: View, *, name: str) -> Outcome:
         kernels.warm_up()
         session = build_session(request.options, request.task, shuffle)
         recording = stack.enter_context(
-            open_recording(request, name=name, clock="wall", device=device, is_lockstep=False)
+            open_recording(request, name=name, clock="wall", device=device, is_lockstep=False, tell=view.tell)
         )
         recording.wait_until_open()
         epoch_ns = time.time_ns() - time.monotonic_ns()

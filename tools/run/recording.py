@@ -3,7 +3,7 @@
 import contextlib
 import json
 import platform
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -35,6 +35,8 @@ class SessionRecording:
     loop_ring: Path | None
     """File of the loop's ring, where the loop has one of its own."""
     recorder: RecorderProcess
+    tell: Callable[[str], None]
+    """Where the user is told of a recorder that died, or of a disk that fails."""
 
     def wait_until_open(self) -> None:
         """Wait for the recorder, which starts while the caller does something else.
@@ -43,6 +45,7 @@ class SessionRecording:
             RecordingError: The log cannot be written.
         """
         self.recorder.wait_until_open()
+        self.recorder.tend(self.tell)
 
     def finish(self) -> RecorderStatus:
         """Have everything written and the file closed.
@@ -60,7 +63,13 @@ class SessionRecording:
 
 @contextlib.contextmanager
 def open_recording(
-    request: TeachRequest, *, name: str, clock: str, device: str, is_lockstep: bool
+    request: TeachRequest,
+    *,
+    name: str,
+    clock: str,
+    device: str,
+    is_lockstep: bool,
+    tell: Callable[[str], None],
 ) -> Iterator[SessionRecording]:
     """Open rings and start the recorder of a session; whatever ends it, what is in the rings is written.
 
@@ -72,6 +81,7 @@ def open_recording(
         clock: ``wall`` or ``virtual``.
         device: Address of the device, for the metadata.
         is_lockstep: One ring for loop and session, which blocks instead of dropping.
+        tell: Where the user is told of what befalls the recorder; called from a thread.
 
     Raises:
         RecordingError: The log cannot be written.
@@ -120,7 +130,7 @@ def open_recording(
         ring = stack.enter_context(Ring(memoryview(blocks[0].buffer), when_full=when_full))
         recorder.launch()
         stack.callback(recorder.close)
-        yield SessionRecording(path, ring, None if is_lockstep else blocks[1].path, recorder)
+        yield SessionRecording(path, ring, None if is_lockstep else blocks[1].path, recorder, tell)
 
 
 def _attachment(name: str, value: dict[str, Any]) -> Attachment:

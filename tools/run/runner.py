@@ -85,6 +85,10 @@ class View(Protocol):
         """Show the session after a tick."""
         ...
 
+    def tell(self, text: str) -> None:
+        """Tell what befell the session's log; called from any thread."""
+        ...
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plugs:

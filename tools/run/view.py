@@ -38,6 +38,7 @@ class SessionView:
             return
         if self._keyboard.asked() == "a":
             session.request_autonomy()
+        messages, self._messages = self._messages, []
         elapsed_ns = state.time_ns - self._last.time_ns
         rate = (state.cycle - self._last.cycle) * 1e9 / elapsed_ns if elapsed_ns > 0.0 else None
         self._live.update(
@@ -57,8 +58,11 @@ class SessionView:
                 lateness_p99_us=None,
                 scheduling="",
                 coverage_goal=self._coverage_goal,
-                messages=tuple(self._messages),
+                messages=tuple(messages),
             )
         )
-        self._messages.clear()
         self._last = state
+
+    def tell(self, text: str) -> None:
+        """Tell something with the next status."""
+        self._messages.append(text)

@@ -4,15 +4,17 @@ import signal
 import subprocess
 import sys
 import time
+from random import Random
 
 import pytest
 from mcap.reader import make_reader
 
-from hm_driver.errors import RecordingError
+from hm_driver.errors import ConfigurationError, RecordingError
+from hm_driver.recording import open as open_log
 from hm_driver.recording.recorder import RecorderOptions, RecorderProcess, RingSource
 from hm_driver.recording.ring import Ring, WhenFull, ring_bytes
 from hm_driver.recording.schemas import EVENT, EVENTS_CHANNEL, LOOP_BUNDLE
-from hm_driver.recording.writer import Attachment
+from hm_driver.recording.writer import Attachment, Compression
 
 EPOCH_NS = 1_800_000_000_000_000_000
 
@@ -147,6 +149,88 @@ def test_a_recorder_that_died_goes_on_in_a_new_part_with_what_the_ring_held_mean
     assert len(messages_of(tmp_path / "log.part2.mcap")) == 3
 
 
+def cycles_of(path):
+    """Log times [ms since the epoch of the test] on the state's channel, also of a file without an end."""
+    with open_log(path) as log:
+        times = log.columns("/device/state", names=())["log_time_ns"]
+    return [round((time_ns - EPOCH_NS) / 1e6) for time_ns in times.tolist()]
+
+
+@pytest.mark.filterwarnings("ignore:.*:UserWarning")
+def test_a_recorder_killed_again_and_again_loses_nothing_of_what_the_ring_held(tmp_path):
+    memory = shared_file(tmp_path / "ring")
+    options = RecorderOptions(sync_interval_s=0.02)
+    recorder = RecorderProcess(tmp_path / "log.mcap", rings=[RingSource(tmp_path / "ring")], options=options)
+    cycle = 0
+    random = Random(5)
+    with recorder, Ring(memory) as ring:
+        for _ in range(6):
+            for _ in range(random.randrange(1, 40)):
+                assert write_cycle(ring, cycle)
+                cycle += 1
+                time.sleep(0.001)
+            os.kill(recorder.pid, signal.SIGKILL)
+            wait_until(lambda: not recorder.is_alive)
+            assert recorder.restart_if_dead()
+        final = recorder.stop()
+    parts = [tmp_path / "log.mcap", *(tmp_path / f"log.part{n}.mcap" for n in range(2, 8))]
+    assert final.path == parts[-1]
+    written = [number for part in parts for number in cycles_of(part)]
+    assert sorted(set(written)) == list(range(cycle))
+
+
+def test_a_log_goes_on_in_another_part_when_it_has_its_size(tmp_path):
+    memory = shared_file(tmp_path / "ring", 1 << 22)
+    options = RecorderOptions(sync_interval_s=0.01, split_bytes=1 << 16, compression=Compression.NONE)
+    recorder = RecorderProcess(
+        tmp_path / "log.mcap",
+        rings=[RingSource(tmp_path / "ring")],
+        metadata={"session": {"seed": "7"}},
+        options=options,
+    )
+    with recorder, Ring(memory) as ring:
+        for cycle in range(600):
+            assert write_cycle(ring, cycle)
+            time.sleep(0.0005)
+        final = recorder.stop()
+    parts = sorted(tmp_path.glob("log*.mcap"), key=lambda path: path.stat().st_mtime_ns)
+    assert len(parts) > 2
+    assert (final.messages, final.lost) == (1800, 0)
+    assert [number for part in parts for number in cycles_of(part)] == list(range(600))
+    sequences = []
+    for number, part in enumerate(parts, start=1):
+        with part.open("rb") as file:
+            reader = make_reader(file, validate_crcs=True)
+            assert {one.name: one.metadata for one in reader.iter_metadata()}["part"] == {
+                "number": str(number),
+                "log": "log.mcap",
+            }
+            sequences += [m.sequence for _, _, m in reader.iter_messages(topics="/device/state")]
+    assert sequences == list(range(600))
+
+
+def test_what_a_full_ring_dropped_is_a_gap_in_the_sequence_numbers(tmp_path):
+    memory = shared_file(tmp_path / "ring", 1 << 12)
+    with Ring(memory) as ring:
+        kept = sum(write_cycle(ring, cycle) for cycle in range(50))
+        recorder = RecorderProcess(tmp_path / "log.mcap", rings=[RingSource(tmp_path / "ring")])
+        with recorder:
+            wait_until(lambda: not ring.used)
+            write_cycle(ring, 50)
+            assert recorder.stop().lost == 3 * (50 - kept)
+    with (tmp_path / "log.mcap").open("rb") as file:
+        sequences = [m.sequence for _, _, m in make_reader(file).iter_messages(topics="/device/state")]
+    assert sequences == [*range(kept), 50]
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("split_bytes", 10), ("split_s", 0.0), ("sync_interval_s", 0.0), ("chunk_bytes", 1)]
+)
+def test_an_option_out_of_range_is_refused_by_its_name(field, value):
+    with pytest.raises(ConfigurationError, match=field):
+        RecorderOptions(**{field: value})
+
+
 def test_the_file_is_finished_when_the_parent_is_killed(tmp_path):
     memory = shared_file(tmp_path / "ring")
     with Ring(memory) as ring:
@@ -154,10 +238,9 @@ def test_the_file_is_finished_when_the_parent_is_killed(tmp_path):
     code = (
         "import os, signal, sys\n"
         "from hm_driver.recording.recorder import RecorderProcess, RingSource\n"
-        "if __name__ == '__main__':\n"
-        "    recorder = RecorderProcess(sys.argv[1], rings=[RingSource(sys.argv[2])])\n"
-        "    recorder.start()\n"
-        "    os.kill(os.getpid(), signal.SIGKILL)\n"
+        "recorder = RecorderProcess(sys.argv[1], rings=[RingSource(sys.argv[2])])\n"
+        "recorder.start()\n"
+        "os.kill(os.getpid(), signal.SIGKILL)\n"
     )
     script = tmp_path / "parent.py"
     script.write_text(code)
@@ -190,10 +273,19 @@ def test_a_full_disk_is_told_and_the_rings_are_still_emptied(tmp_path):
     ring, writer = Ring(memory), LogWriter(tmp_path / "log.mcap", [EVENTS_CHANNEL])
     writer._file.close()
     writer._file = open("/dev/full", "wb", buffering=0)  # noqa: PTH123, SIM115 - closed by the writer
-    session = recorder_main._Session(None, [ring], writer, Spooler([ring], writer), RecorderOptions())
+    job = recorder_main.RecorderJob(
+        path=writer.path,
+        rings=(),
+        channels=(EVENTS_CHANNEL,),
+        bundles=(),
+        metadata={},
+        attachments=(),
+        options=RecorderOptions(),
+    )
+    session = recorder_main._Session(None, writer, Spooler([ring], writer), job)
     ring.write(EVENTS_CHANNEL.id, EPOCH_NS, EVENT.pack(0, EPOCH_NS, 2, "a", "b", []))
     session._spool()
-    session._guarded(writer.sync)
+    session._guarded(session._sync)
     assert "No space left" in session.status().problem
     ring.write(EVENTS_CHANNEL.id, EPOCH_NS, EVENT.pack(1, EPOCH_NS, 2, "a", "b", []))
     assert session._spool() == 1

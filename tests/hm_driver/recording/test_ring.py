@@ -10,6 +10,13 @@ from hm_driver.errors import RecordingError
 from hm_driver.recording.ring import HEADER_BYTES, Ring, WhenFull, ring_bytes
 
 
+def take(reader, max_bytes=1 << 20):
+    """Drain and release."""
+    records = reader.drain(max_bytes)
+    reader.release()
+    return records
+
+
 def pair(capacity=4096, **options):
     buffer = bytearray(ring_bytes(capacity))
     Ring.format(buffer)
@@ -20,19 +27,19 @@ def test_records_come_out_as_they_went_in():
     writer, reader = pair()
     writer.write(3, -5, b"abc", flags=9)
     writer.write(4, 10**18, b"")
-    first, second = reader.drain()
+    first, second = take(reader)
     assert first == (3, 9, -5, 0, b"abc")
     assert second == (4, 0, 10**18, 0, b"")
-    assert reader.drain() == []
+    assert take(reader) == []
 
 
 def test_a_reserved_record_is_invisible_until_it_is_committed():
     writer, reader = pair()
     offset = writer.reserve(1, 0, 8)
     writer.data[offset : offset + 8] = b"12345678"
-    assert reader.drain() == []
+    assert take(reader) == []
     writer.commit()
-    assert [record.payload for record in reader.drain()] == [b"12345678"]
+    assert [record.payload for record in take(reader)] == [b"12345678"]
 
 
 @settings(max_examples=60, deadline=None)
@@ -45,13 +52,13 @@ def test_any_mix_of_writing_and_draining_loses_only_what_is_counted(capacity, st
     expected, got, lost = deque(), [], 0
     for number, step in enumerate(steps):
         if step < 0:
-            got += reader.drain(200)
+            got += take(reader, 200)
         elif writer.write(1, number, bytes([number % 256]) * step):
             expected.append((number, bytes([number % 256]) * step))
         else:
             lost += 1
     while reader.used:
-        got += reader.drain(200)
+        got += take(reader, 200)
     assert [(record.log_time_ns, record.payload) for record in got] == list(expected)
     assert reader.dropped == lost
     sequences = [record.sequence for record in got]
@@ -61,10 +68,10 @@ def test_any_mix_of_writing_and_draining_loses_only_what_is_counted(capacity, st
 def test_dropped_records_leave_a_gap_in_the_sequence_of_their_channel():
     writer, reader = pair(256)
     assert [writer.write(1, n, bytes(40)) for n in range(6)] == [True] * 4 + [False] * 2
-    before = reader.drain()
+    before = take(reader)
     writer.write(2, 7, b"x")
     writer.write(1, 8, b"x")
-    after = reader.drain()
+    after = take(reader)
     assert [record.sequence for record in before] == [0, 1, 2, 3]
     assert [(record.channel, record.sequence) for record in after] == [(2, 0), (1, 6)]
     assert reader.dropped == 2
@@ -76,7 +83,7 @@ def test_a_blocking_ring_waits_for_its_reader_and_loses_nothing():
 
     def drain():
         while len(got) < 500:
-            got.extend(reader.drain())
+            got.extend(take(reader))
             time.sleep(0.0001)
 
     thread = threading.Thread(target=drain)
@@ -110,7 +117,7 @@ def test_a_writer_that_starts_again_goes_on_behind_the_records_of_the_first():
     Ring.format(buffer)
     Ring(buffer).write(1, 0, b"first")
     Ring(buffer).write(1, 1, b"second")
-    assert [record.payload for record in Ring(buffer).drain()] == [b"first", b"second"]
+    assert [record.payload for record in take(Ring(buffer))] == [b"first", b"second"]
 
 
 def test_memory_without_a_ring_and_damaged_records_are_refused():
@@ -122,7 +129,7 @@ def test_memory_without_a_ring_and_damaged_records_are_refused():
     writer.write(1, 0, b"abc")
     writer.data[0:4] = b"\xff\xff\x00\x00"
     with pytest.raises(RecordingError, match="damaged"):
-        reader.drain()
+        take(reader)
 
 
 def test_closing_releases_the_memory_and_may_be_done_twice():
@@ -149,4 +156,20 @@ def test_a_series_leaves_the_ring_as_its_records_one_by_one_do(when_full):
             single.write(7, 100 * k + 3 * part, payload[14 * part : 14 * part + 14])
         assert one == other
         if when_full is WhenFull.BLOCK or k % 3 == 0:
-            assert rings[0][1].drain() == rings[1][1].drain()
+            assert take(rings[0][1]) == take(rings[1][1])
+
+
+def test_what_was_read_and_not_released_is_read_again_by_the_next_reader():
+    memory = bytearray(ring_bytes(1024))
+    Ring.format(memory)
+    with Ring(memory) as writer:
+        for number in range(3):
+            writer.write(1, number, b"abc")
+        with Ring(memory) as reader:
+            assert len(reader.drain(1)) == 1
+            reader.release()
+            assert len(reader.drain()) == 2
+            assert reader.unreleased > 0
+        with Ring(memory) as successor:
+            assert [record.sequence for record in successor.drain()] == [1, 2]
+        assert writer.used == 2 * 32
