@@ -19,7 +19,7 @@ import time
 from dataclasses import dataclass
 
 from hm_driver.device.link import CommandLink, connect_link
-from hm_driver.errors import HapticMasterError
+from hm_driver.errors import DeviceError, HapticMasterError
 from hm_driver.realtime import bring_up
 from hm_driver.realtime.child import receive_argument
 from hm_driver.realtime.scheduling import enter_realtime, prepare_process
@@ -133,6 +133,8 @@ class Guardian:
         """Stop the device over the connection that is there, or else over a new one."""
         try:
             bring_up.make_safe(self._link)
+        except DeviceError:
+            raise  # it was told, and would refuse again
         except HapticMasterError:
             link = connect_link(self._options.url, timeout_s=self._options.connect_timeout_s)
             try:

@@ -128,7 +128,7 @@ class LoopHandle(ABC):
         """
         segment = self.segment
         status = segment.status
-        if status is Status.TRIPPED or (segment.trip is not Trip.NONE and status.has_ended):
+        if status is Status.TRIPPED or (segment.trip is not Trip.NONE and self._is_over(status)):
             raise SafetyTrip(segment.trip.name.lower(), segment.text("trip"))
         if status is Status.FAILED:
             raise decode_error(segment.text("kind"), segment.text("error"))
@@ -166,8 +166,11 @@ class LoopHandle(ABC):
             return
         if self._has_started:
             self.request_stop()
+            patience_s = self._options.watch.release_s + self._options.connect_timeout_s + _SPARE_S
+            if self.guardian().status is GuardianStatus.STOPPED_DEVICE:
+                patience_s = _LAST_WORDS_S  # the device is safe, and the loop may be frozen for good
             with contextlib.suppress(HapticMasterError):
-                self.wait(self._options.watch.release_s + self._options.connect_timeout_s + _SPARE_S)
+                self.wait(patience_s)
             self._end()
             self._end_guardian()
             if not self._segment.status.has_ended:
@@ -202,6 +205,10 @@ class LoopHandle(ABC):
             connect_timeout_s=self._options.connect_timeout_s,
             priority=min(99, self._options.timing.priority + 5),
         )
+
+    def _is_over(self, status: Status) -> bool:
+        """Whether the loop has ended, or the guardian has dealt with one that cannot."""
+        return status.has_ended or self.segment.words[Word.GUARDIAN] > GuardianStatus.WATCHING
 
     def _raise_if_dead(self) -> None:
         death = self._death()
