@@ -6,6 +6,7 @@ what is not urgent is done: the records and statistics of the cycle before, and 
 clock, socket or memory: all of them are handed to it.
 """
 
+from math import isfinite
 from typing import Protocol
 
 from hm_driver.errors import DeviceError, HapticMasterError, ProtocolError, TransportError
@@ -191,7 +192,8 @@ class LoopCore:
             return
         self._has_tripped = True
         self._segment.set_trip(reason, detail, self._now_ns())
-        self._p = ramp_down_parameters(self._p, self._watch.ramp_s)
+        period_s = self._grid.period_ns * 1e-9
+        self._p = ramp_down_parameters(self._p, max(period_s, self._watch.ramp_s - period_s))
         self._begin_release(self._watch.ramp_s)
         self.log_event("error", f"trip.{reason.name.lower()}", detail)
 
@@ -218,7 +220,11 @@ class LoopCore:
         count = self._set_points.count
         if count != self._set_point_count:
             self._set_point_count = count
-            self._u[:] = self._set_points.read()
+            set_point = self._set_points.read()
+            if not isfinite(sum(set_point)):
+                self.trip(Trip.COMMAND, f"the application's set-point {set_point} is not finite")
+                return
+            self._u[:] = set_point
         if words[_STOP_REQUESTED]:
             if words[_STOP_REQUESTED] == PARENT_LOST:
                 self.trip(Trip.PARENT, "the application ended without stopping the loop")

@@ -74,6 +74,8 @@ class Trip(IntEnum):
     """The application ended without stopping the loop."""
     LOOP_LOST = 16
     """The loop died or froze; the guardian stopped the device."""
+    COMMAND = 17
+    """The application's set-point was not a row of finite numbers."""
 
 
 class GuardianStatus(IntEnum):

@@ -7,6 +7,7 @@ plain measurement, a trip or a silent application ends the compiled loop, and th
 from its `checkpoint`.
 """
 
+import math
 from typing import Final
 
 from emulator.compilation import entry_point
@@ -240,8 +241,11 @@ class CompiledLoop:
         segment = self._segment
         count = segment.set_points.count
         if count != self._set_point_count:
+            set_point = segment.set_points.read()
+            if not math.isfinite(sum(set_point)):
+                return False
             self._set_point_count = count
-            self._client.u[:] = segment.set_points.read()
+            self._client.u[:] = set_point
         if segment.words[Word.STOP_REQUESTED]:
             return False
         heartbeat = segment.words[Word.APP_HEARTBEAT_NS]
