@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable
+from itertools import compress
 from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -11,6 +12,7 @@ from hm_driver.errors import ConfigurationError
 from teaching.learner import Learner
 
 FloatArray = NDArray[np.float64]
+Sample = tuple[float, ...]
 L = TypeVar("L", bound=Learner)
 
 
@@ -61,17 +63,18 @@ class Accumulator:
         if isinstance(hindsight, bool) or not isinstance(hindsight, int) or not 0 <= hindsight <= 100_000:
             raise ConfigurationError("hindsight", f"{hindsight!r} must be a whole number from 0 to 100000")
         self.n_acc, self.downsample, self.hindsight = n_acc, downsample, hindsight
-        self._waiting: deque[tuple[tuple[float, ...], float | tuple[float, ...]]] = deque()
+        self._waiting: deque[tuple[Sample, float | Sample]] = deque()
         self._rng = rng
-        self._X, self._Y = np.empty((n_acc, n_inputs)), np.empty((n_acc, n_outputs))
-        self._count = 0
+        self._shape = n_inputs, n_outputs
+        self._X: list[Sample] = []
+        self._Y: list[float | Sample] = []
 
     @property
     def count(self) -> int:
         """Number of samples in the buffer; those that wait are not counted."""
-        return self._count
+        return len(self._X)
 
-    def add(self, x: tuple[float, ...], y: float | tuple[float, ...], C: float = 1.0) -> Batch | None:
+    def add(self, x: Sample, y: float | Sample, C: float = 1.0) -> Batch | None:
         """Collect a sample if C is exactly 1; returns the batch that it completes."""
         if C != 1.0:
             return None
@@ -97,33 +100,32 @@ class Accumulator:
 
     def flush(self, minimum: int = 1) -> Batch | None:
         """Give out what there is, or nothing and keep it if that is fewer than minimum samples."""
-        if self._count < max(1, minimum):
+        if len(self._X) < max(1, minimum):
             return None
-        X, Y = self._X[: self._count : self.downsample], self._Y[: self._count : self.downsample]
+        n_inputs, n_outputs = self._shape
+        X = np.array(self._X[:: self.downsample], dtype=float).reshape(-1, n_inputs)
+        Y = np.array(self._Y[:: self.downsample], dtype=float).reshape(-1, n_outputs)
         order = self._rng.permutation(len(X))
-        self._count = 0
+        self._X, self._Y = [], []
         return Batch(X[order], Y[order])
 
-    def discard(self, is_unwanted: Callable[[FloatArray], bool]) -> int:
-        """Forget the samples whose input, shape (d,), is unwanted; returns how many."""
-        X = self._X[: self._count]
-        keep = [not is_unwanted(x) for x in X]
-        kept = sum(keep)
-        self._X[:kept], self._Y[:kept] = X[keep], self._Y[: self._count][keep]
-        discarded = self._count - kept + self.retract()
-        self._count = kept
+    def discard(self, is_unwanted: Callable[[Sample], bool]) -> int:
+        """Forget the samples whose input is unwanted, and all that wait; returns how many."""
+        keep = [not is_unwanted(x) for x in self._X]
+        discarded = len(keep) - sum(keep) + self.retract()
+        self._X = list(compress(self._X, keep))
+        self._Y = list(compress(self._Y, keep))
         return discarded
 
     def clear(self) -> None:
         """Forget what was collected."""
-        self._count = 0
+        self._X, self._Y = [], []
         self._waiting.clear()
 
-    def _collect(self, x: tuple[float, ...], y: float | tuple[float, ...]) -> Batch | None:
-        self._X[self._count] = x
-        self._Y[self._count] = y
-        self._count += 1
-        return self.flush() if self._count == self.n_acc else None
+    def _collect(self, x: Sample, y: float | Sample) -> Batch | None:
+        self._X.append(x)
+        self._Y.append(y)
+        return self.flush() if len(self._X) == self.n_acc else None
 
 
 class BackgroundUpdate(Generic[L]):

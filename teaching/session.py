@@ -135,10 +135,14 @@ class Session:
         self._assist_compliance = task.scale[2] / assist_stiffness
         self._needs_std = arbitration.needs_std
         self._observes = arbitration.is_stateful
-        self._is_gradual = arbitration.is_gradual
+        self._least_C = 0.0 if arbitration.is_gradual else math.nextafter(1.0, 0.0)
+        """Samples are taken above this."""
         self._is_uncoupled = options.coupling is Coupling.UNCOUPLED
         self._is_rendered = options.force_feedback is ForceFeedback.RENDERED
+        self._surface_z, self._scale_z = task.surface_z, task.scale[2]
+        self._depth_limit, self._hand_over_s = options.depth_limit, options.hand_over
         self._walker: Walker | None = None
+        self._due = 0.0
         self._push = 0.0
         self._time = 0.0
         self._mastered_at: float | None = None
@@ -203,15 +207,16 @@ class Session:
         Returns:
             The set-point for the loop, and what the log and the demonstrator get to know.
         """
-        task, options, skill = self.task, self.options, self._skill
+        task, skill = self.task, self._skill
         self._time += dt
-        step = min(dt, LONGEST_STEP_S)
-        events = self._advance_stage()
+        step = dt if dt < LONGEST_STEP_S else LONGEST_STEP_S  # noqa: FURB136  # a call costs more
+        is_steady = self._time < self._due and not self._requested_autonomy
+        events = [] if is_steady else self._advance_stage()
         stage = self.stage
         is_teaching = stage is _TEACHING
-        handle = (measured.measured_x, measured.measured_y, measured.measured_z)
+        handle = measured.measured_x, measured.measured_y, measured.measured_z
         x, y, z = task.to_manipulator(*handle)
-        y_handle = task.surface_z - z
+        y_handle = self._surface_z - z
         change = self._correct(x, y, events) if self._asked else None
         std = 0.0
         if self._needs_std:
@@ -222,26 +227,29 @@ class Session:
             wanted = self._arbitration.factor(Query(y_robot, w_max, std, x, y)) if self._held <= 0.0 else 1.0
         else:
             wanted = 1.0 if stage is _PRACTICE else 0.0
-        y_robot = min(max(y_robot, 0.0), options.depth_limit)
-        before = self._C
-        rate = step / options.hand_over if options.hand_over > 0.0 else 1.0
-        C = self._C = min(before + rate, max(before - rate, wanted))
-        if C != before:
+        if not 0.0 <= y_robot <= self._depth_limit:
+            y_robot = min(max(y_robot, 0.0), self._depth_limit)
+        C = before = self._C
+        rate = step / self._hand_over_s if self._hand_over_s > 0.0 else 1.0
+        if wanted != before:
+            C = self._C = min(before + rate, max(before - rate, wanted))
             self._hand_over(before, C, events)
-        self._push += dt / (dt + INTENTION_S) * (measured.force_z - self._push)
-        is_free = C == 1.0 or (self._is_uncoupled and stage <= _TEACHING)
-        y_demo = max(0.0, y_handle if is_free else y_handle - self._push * self._assist_compliance)
+        push = self._push = self._push + dt / (dt + INTENTION_S) * (measured.force_z - self._push)
+        is_led = stage <= _TEACHING
+        is_free = C == 1.0 or (self._is_uncoupled and is_led)
+        y_demo = y_handle if is_free else y_handle - push * self._assist_compliance
+        if not y_demo > 0.0:
+            y_demo = 0.0
         if self._fade > 0.0:
             y_robot = self._keep(y_robot, rate, before, C)
         self._y_robot = y_robot
         y_cmd = C * y_demo + (1.0 - C) * y_robot
         depth = C * y_handle + (1.0 - C) * y_robot if self._is_uncoupled else y_handle
-        _, _, force, stiffness = task.contact(x, y, task.surface_z - depth if self._is_uncoupled else z)
-        surface = task.object_at(x, y)
+        surface, force, stiffness = task.press(x, y, depth)
         recorded = False
         if is_teaching:
             is_fit = surface >= 0 and self._is_fit(y_handle, measured.velocity_z, dt)
-            if is_fit and (C == 1.0 or (self._is_gradual and C > 0.0)):
+            if is_fit and C > self._least_C:
                 recorded = True
                 batch = self._accumulator.add((x, y), y_demo)
                 if batch is not None:
@@ -255,7 +263,15 @@ class Session:
         update = skill.step()
         if update is not None:
             change = self._take_over(update, C, events)
-        self._sequence += 1.0
+        sequence = self._sequence = self._sequence + 1.0
+        is_engaged = not is_free and stage is not _DONE
+        slope = 0.0 if self._last_y_cmd is None else (y_cmd - self._last_y_cmd) / dt
+        self._last_y_cmd = y_cmd if is_engaged else None
+        target_x, target_y, target_z = task.to_handle(x, y, self._surface_z - y_cmd)
+        velocity_x = velocity_y = engage_xy = 0.0
+        if stage is _AUTONOMOUS:
+            target_x, target_y, velocity_x, velocity_y = self._walk(x, y, step)
+            engage_xy = 1.0
         return Tick(
             stage,
             C,
@@ -273,10 +289,25 @@ class Session:
             self._accumulator.count,
             recorded,
             skill.is_learning,
-            self._set_point(x, y, y_cmd, C, force, dt, step),
-            Seen(handle, x, y, depth, force, C, surface, stage >= _AUTONOMOUS),
+            SetPoint(
+                sequence,
+                1.0 if is_free and is_led else 0.0,
+                engage_xy,
+                engage_xy,
+                1.0 if is_engaged else 0.0,
+                target_x,
+                target_y,
+                target_z,
+                velocity_x,
+                velocity_y,
+                -slope / self._scale_z,
+                0.0,
+                0.0,
+                self.options.feedback_gain * force if self._is_rendered and is_led else 0.0,
+            ),
+            Seen(handle, x, y, depth, force, C, surface, not is_led),
             change,
-            tuple(events),
+            tuple(events) if events else (),
         )
 
     def _advance_stage(self) -> list[Event]:
@@ -291,16 +322,29 @@ class Session:
                 self.stage = _AUTONOMOUS
         elif self.stage is _AUTONOMOUS and self._walker is not None and self._walker.is_done:
             self.stage = _DONE
+        self._due = self._next_due()
         if self.stage is before and self._sequence > 0.0:
             return []
         return [("stage", self.stage.name.lower())]
+
+    def _next_due(self) -> float:
+        """Time before which no stage ends but by the user's wish [s]; a moment early, for rounding."""
+        options = self.options
+        if self.stage is _AUTONOMOUS:
+            return 0.0
+        due = options.practice
+        if self.stage is _TEACHING or self._time > due:
+            due += options.give_up
+        if self._mastered_at is not None:
+            due = min(due, self._mastered_at + options.examination)
+        return due - 0.5 * TICK_S
 
     def _hand_over(self, before: float, C: float, events: list[Event]) -> None:
         """Note that control changes; with the human's, a batch may end or a take-over begin."""
         if (C > 0.5) != (before > 0.5):
             self.hand_overs += 1
             events.append(("hand-over", "the human is in control" if C > 0.5 else "the skill is in control"))
-        least = 0.0 if self._is_gradual else math.nextafter(1.0, 0.0)
+        least = self._least_C
         if C > least >= before:
             self._settling = self.options.settling
         elif before > least >= C:
@@ -386,6 +430,7 @@ class Session:
             self._mastered_at = None
         elif self._mastered_at is None:
             self._mastered_at = self._time
+        self._due = self._next_due()
         return update
 
     def _keep(self, y_robot: float, rate: float, before: float, C: float) -> float:
@@ -396,42 +441,14 @@ class Session:
             self._fade = 0.0
         return self._fade * self._kept + (1.0 - self._fade) * y_robot
 
-    def _set_point(
-        self, x: float, y: float, y_cmd: float, C: float, force: float, dt: float, step: float
-    ) -> SetPoint:
-        task, stage = self.task, self.stage
-        is_led = stage <= _TEACHING
-        is_free = C == 1.0 or (self._is_uncoupled and is_led)
-        assist = 1.0 if is_free and is_led else 0.0
-        engage_z = 0.0 if is_free or stage is _DONE else 1.0
-        bias_z = self.options.feedback_gain * force if self._is_rendered and is_led else 0.0
-        slope = 0.0 if self._last_y_cmd is None else (y_cmd - self._last_y_cmd) / dt
-        self._last_y_cmd = y_cmd if engage_z else None
-        sx, sy, sz = task.scale
-        velocity_x = velocity_y = engage_xy = 0.0
-        if stage is _AUTONOMOUS:
-            if self._walker is None:
-                self._walker = self._autonomous_path(x, y)
-            x, y = self._walker.step(step)
-            velocity_x, velocity_y = self._walker.velocity
-            engage_xy = 1.0
-        hx, hy, hz = task.to_handle(x, y, task.surface_z - y_cmd)
-        return SetPoint(
-            self._sequence,
-            assist,
-            engage_xy,
-            engage_xy,
-            engage_z,
-            hx,
-            hy,
-            hz,
-            velocity_x / sx,
-            velocity_y / sy,
-            -slope / sz,
-            0.0,
-            0.0,
-            bias_z,
-        )
+    def _walk(self, x: float, y: float, dt: float) -> tuple[float, float, float, float]:
+        """Position [m] and velocity [m/s] of the handle along the autonomous run's path."""
+        if self._walker is None:
+            self._walker = self._autonomous_path(x, y)
+        x, y = self._walker.step(dt)
+        velocity_x, velocity_y = self._walker.velocity
+        target_x, target_y, _ = self.task.to_handle(x, y, 0.0)
+        return target_x, target_y, velocity_x / self.task.scale[0], velocity_y / self.task.scale[1]
 
     def _autonomous_path(self, x: float, y: float) -> Walker:
         options = self.options

@@ -139,6 +139,21 @@ class Task:
             return Contact(z_r, 0.0, 0.0, stiffness)
         return Contact(self.surface_z, depth, stiffness * depth, stiffness)
 
+    def press(self, x: float, y: float, depth: float) -> tuple[int, float, float]:
+        """As :meth:`object_at` and :meth:`contact` in one, for a control loop.
+
+        Args:
+            x: Point of the plane [m].
+            y: Point of the plane [m].
+            depth: Commanded displacement below the surface [m].
+
+        Returns:
+            Index of the object or -1, interaction force of eq. (12) [N], stiffness [N/m].
+        """
+        index = self.object_at(x, y)
+        stiffness = self.objects[index].stiffness_at(x, y) if index >= 0 else self.stiffness(x, y)
+        return index, stiffness * depth if depth > 0.0 else 0.0, stiffness
+
     def required_depth(self, x: float, y: float) -> float:
         """Depth [m] that produces the reference force at a point of the plane [m]."""
         return self.reference_force / self.stiffness(x, y)

@@ -412,6 +412,9 @@ class Unknown(Task):
     def contact(self, *place):
         return Contact(self.surface_z, max(0.0, self.surface_z - place[2]), math.nan, math.nan)
 
+    def press(self, x, y, _):
+        return self.object_at(x, y), math.nan, math.nan
+
     def required_depth(self, *_):
         pytest.fail("the session asked for the true depth")
 
