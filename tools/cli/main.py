@@ -31,6 +31,7 @@ _COMMANDS = {
     "drive": ("tools.cli.drive:drive", "Drive the device by hand: move, hold, effects, record; a prompt."),
     "emulate": ("tools.cli.emulate:emulate", "Be a HapticMASTER on a TCP port."),
     "report": ("tools.cli.report:report", "Write the report of a session from its log."),
+    "jitter": ("tools.cli.jitter:app", "Measure how punctual the loop is, beside any load."),
     "config show": ("tools.cli.config:show", "Print it, with the source of each value."),
     "log info": ("tools.cli.log:info", "Say what a log holds."),
     "log recover": ("tools.cli.log:recover", "Make a damaged log readable."),
