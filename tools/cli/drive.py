@@ -70,12 +70,15 @@ def drive(
             carry_out(context, line)
         return ExitCode.OK
     with _ending_at_once(), _opened(context, device, options, record):
-        if not lines:
-            _talk(context)
-        for line in lines:
-            word = carry_out(context, line)
-        if lines and word is not None and word.stays and not _is_bounded(line):
-            stay(context)
+        try:
+            if not lines:
+                _talk(context)
+            for line in lines:
+                word = carry_out(context, line)
+            if lines and word is not None and word.stays and not _is_bounded(line):
+                stay(context)
+        finally:
+            context.console.clear()
     return ExitCode.OK
 
 
@@ -89,7 +92,8 @@ def _explanation() -> str:
     """What ``hm drive --help`` says before the words."""
     text, _, arguments = (inspect.getdoc(drive) or "").partition("\nArgs:\n")
     lines = [
-        re.sub(r"^    ([a-z]+)_?:", lambda match: f"    --{match[1]}:", line) for line in arguments.split("\n")
+        re.sub(r"^    ([a-z]+)_?:", lambda match: f"    --{match[1]}:", line)
+        for line in arguments.split("\n")
     ]
     usage = "usage: hm drive [WORDS] [OPTIONS]"
     return "\n".join([usage, "", text.strip(), "", "Options:", *lines, "", "Words:"]).replace(

@@ -94,7 +94,7 @@ class Prompt:
         with self._lock:
             self._is_reading = True
         try:
-            with patch_stdout():
+            with patch_stdout(raw=True):
                 return self._session.prompt("drive> ")
         finally:
             with self._lock:

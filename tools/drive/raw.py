@@ -118,6 +118,11 @@ class Explainer:
                 return self._explain_state(str(state))
             case Create(_, name) if name in self._table.objects:
                 return f"there is a {self._table.objects[name].type.name} of that name; remove it first"
+            case Create(_, name):
+                return (
+                    f"an object {name!r} may be there that another program made ('remove {name}'), "
+                    "or there is no room for more"
+                )
             case GetParameter() | SetParameter() | Enable() | Disable() | Remove():
                 return self._explain_object(command)
             case _:

@@ -218,6 +218,7 @@ class Drive:
             loop.close()
             raise
         self._meter = LoopMeter()
+        self._meter.rate_hz(loop.state())
         self._make_effects_again()
         return pilot
 
@@ -364,7 +365,10 @@ class Drive:
             if self.is_driving:
                 reason = why_forbidden(text)
                 if reason:
-                    raise ConfigurationError(text, f"not while the loop drives the arm: {reason}")
+                    error = ConfigurationError(text, f"not while the loop drives the arm: {reason}")
+                    if read_command(text) is None:
+                        error.add_note(self._explain(text))
+                    raise error
             else:
                 self._require_unclaimed()
             self._has_commanded = True
@@ -374,7 +378,7 @@ class Drive:
         try:
             reply = self.arm.command(text)
         except DeviceError as error:
-            error.add_note(Explainer(self.effects, self._ask).explain(text))
+            error.add_note(self._explain(text))
             raise
         if command is not None:
             self.effects.apply(command)
@@ -389,8 +393,8 @@ class Drive:
 
     # Inside
 
-    def _ask(self, question: str) -> str:
-        return self.arm.command(question)
+    def _explain(self, text: str) -> str:
+        return Explainer(self.effects, self.arm.command).explain(text)
 
     def _loop_options(self, options: DriveOptions, state: State) -> LoopOptions:
         return LoopOptions(
@@ -490,7 +494,7 @@ class Drive:
             raise NotArrived(
                 f"the arm is {1e3 * error_m:.1f} mm from its goal and is held; allowed are "
                 f"{1e3 * self.options.motion.tolerance:g} mm (motion.tolerance). Something keeps it at "
-                f"{_shown(arrival.position)} m"
+                f"{_shown(arrival.position)} m: {self._suspects()}"
             )
         return arrival
 
@@ -507,6 +511,10 @@ class Drive:
                 raise MotionStopped(f"stopped on the way, held at {_shown(self.handle)} m") from None
         if motion.ending is Ending.LOST:
             raise self.take_failure() or LoopError("the loop ended during the motion")
+
+    def _suspects(self) -> str:
+        enabled = [name for name, known in self.effects.objects.items() if known.is_enabled]
+        return f"the effects {', '.join(enabled)} act too" if enabled else "a hand, or an obstacle"
 
     def _settle(self, goal: Vector, axes: Iterable[int]) -> float:
         """Wait until the led axes are where they were led, and return how far they are from it [m]."""

@@ -67,7 +67,8 @@ class DriveStatus(NamedTuple):
             f"vel {_numbers(self.velocity, 1e3, '+4.0f')} mm/s  force {_numbers(self.force, 1.0, '+5.1f')} N"
         )
         if self.rate_hz is not None:
-            text += f"  {self.rate_hz:.0f} Hz, {self.missed} missed"
+            rate = f"{self.rate_hz:.0f}" if self.rate_hz else "?"
+            text += f"  {rate} Hz, {self.missed} missed"
         return text + ("  recording" if self.recording else "")
 
     def rows(self) -> list[tuple[str, str]]:
