@@ -26,7 +26,7 @@ ARBITRATION: Final = FixedMessage(
     (
         _TIME,
         Field("stage", Kind.FIXED32, "0 practice, 1 teaching, 2 autonomous, 3 done"),
-        Field("C", Kind.DOUBLE, "Control factor of eq. (9): 1 human, 0 skill"),
+        Field("C", Kind.DOUBLE, "Control factor of eq. (8): 1 human, 0 skill"),
         Field("w_max", Kind.DOUBLE, "Largest activation at the manipulator's position"),
         Field("x", Kind.DOUBLE, "Position of the manipulator in the plane", "m"),
         Field("y", Kind.DOUBLE, "Position of the manipulator in the plane", "m"),
@@ -34,19 +34,20 @@ ARBITRATION: Final = FixedMessage(
         Field("y_demo", Kind.DOUBLE, "Displacement that the human wants", "m"),
         Field("y_robot", Kind.DOUBLE, "Displacement that the skill predicts", "m"),
         Field("y_cmd", Kind.DOUBLE, "Blended command of eq. (8)", "m"),
-        Field("y_handle", Kind.DOUBLE, "Displacement at which the handle is", "m"),
+        Field("y_handle", Kind.DOUBLE, "Displacement at which the handle is, at least 0", "m"),
         Field("force", Kind.DOUBLE, "Interaction force of eq. (12)", "N"),
         Field("reference_force", Kind.DOUBLE, "Force that is to be produced", "N"),
         Field("stiffness", Kind.DOUBLE, "Stiffness of the object under the manipulator", "N/m"),
         Field("accumulated", Kind.FIXED64, "Samples in the accumulation buffer"),
         Field("recorded", Kind.BOOL, "Whether this tick's sample was put into the buffer"),
         Field("pending", Kind.BOOL, "Whether an update is being learned aside"),
+        Field("std", Kind.DOUBLE, "Standard deviation of y_robot; 0 where no arbitration asks for it", "m"),
     ),
 )
 
 LEARNER_STATE: Final = VariableMessage(
     "LearnerState",
-    "The learner after an update; arrays flattened row by row, the oldest model first.",
+    "The learner after a change; arrays flattened row by row, the oldest model first.",
     (
         _TIME,
         Field("update", Kind.FIXED64, "Number of the update, from 1; 0 before the first"),
@@ -62,6 +63,7 @@ LEARNER_STATE: Final = VariableMessage(
         Field("P", Kind.DOUBLES, "Covariances, shape (N, d + 1, d + 1)"),
         Field("model_samples", Kind.DOUBLES, "Samples learned by each model, shape (N,)"),
         Field("model_born", Kind.DOUBLES, "Samples the learner had seen when it made each model, shape (N,)"),
+        Field("cause", Kind.FIXED32, "0 a batch was learned, 1 models were forgotten, 2 a change was undone"),
     ),
 )
 
@@ -86,7 +88,9 @@ CHANNELS: Final = (ARBITRATION_CHANNEL, LEARNER_STATE_CHANNEL, HAND_STATE_CHANNE
 """Everything that teaching logs."""
 
 
-def pack_learner_state(time_ns: int, update: int, coverage: float, learner: Learner) -> bytes:
+def pack_learner_state(
+    time_ns: int, update: int, coverage: float, learner: Learner, *, cause: int = 0
+) -> bytes:
     """Wire form of a LearnerState message."""
     models = learner.models
     return LEARNER_STATE.pack(
@@ -104,6 +108,7 @@ def pack_learner_state(time_ns: int, update: int, coverage: float, learner: Lear
         models.P.ravel().tolist(),
         models.samples.tolist(),
         models.born.tolist(),
+        cause,
     )
 
 

@@ -15,8 +15,9 @@ from teaching.arbitration import Arbitration, Observation, Query
 from teaching.correction import CorrectionOptions, Insistence, Region
 from teaching.hands.contract import Seen
 from teaching.hands.paths import Area, Walker, raster
+from teaching.learner import Learner
 from teaching.session_options import Coupling, ForceFeedback, SessionOptions
-from teaching.skill import Cause, Skill, SkillLearner, Update
+from teaching.skill import Cause, Skill, Update
 from teaching.task import Task
 
 __all__ = ["Cause", "Coupling", "ForceFeedback", "Session", "SessionOptions", "Stage", "Tick", "Update"]
@@ -104,7 +105,7 @@ class Session:
         self,
         *,
         task: Task,
-        learner: SkillLearner,
+        learner: Learner,
         arbitration: Arbitration,
         w_th: float,
         accumulator: Accumulator,
@@ -159,7 +160,7 @@ class Session:
         self._asked: deque[tuple[str, Region | None]] = deque()
 
     @property
-    def learner(self) -> SkillLearner:
+    def learner(self) -> Learner:
         """The skill in use."""
         return self._skill.learner
 

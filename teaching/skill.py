@@ -2,10 +2,9 @@
 
 from collections import deque
 from enum import IntEnum
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from teaching.accumulator import BackgroundUpdate, Batch
 from teaching.arbitration import Arbitration, Query
@@ -19,22 +18,6 @@ MASTERY_GRID = 40
 """Points along each edge of the grid on which the skill's own doubt is judged."""
 _POINTS_PER_TICK = 80
 _EVERYWHERE = (-np.inf, -np.inf), (np.inf, np.inf)
-
-
-class SkillLearner(Learner, Protocol):
-    """A learner that a session can also ask for its doubt, and tell to forget."""
-
-    def query_std(self, x0: float, x1: float) -> tuple[float, float, float]:
-        """As `query`, with the standard deviation of the prediction as the third."""
-        ...
-
-    def remove_near(self, x: ArrayLike, w: float) -> int:
-        """Remove the models that the input x, shape (d,), activates above w; returns how many."""
-        ...
-
-    def remove_box(self, lower: ArrayLike, upper: ArrayLike) -> int:
-        """Remove the models with their centre between two corners, shapes (d,); returns how many."""
-        ...
 
 
 class Cause(IntEnum):
@@ -53,7 +36,7 @@ class Update(NamedTuple):
 
     number: int
     """Counts the updates from 1; what is forgotten or undone does not count."""
-    learner: SkillLearner
+    learner: Learner
     """The skill from now on; it is not changed in place."""
     coverage: float
     """Share of the plane that it covers."""
@@ -62,7 +45,7 @@ class Update(NamedTuple):
 
 
 class _Past(NamedTuple):
-    learner: SkillLearner
+    learner: Learner
     coverage: float
     mastery: float
     undoes: str
@@ -85,7 +68,7 @@ class Skill:
 
     def __init__(
         self,
-        learner: SkillLearner,
+        learner: Learner,
         task: Task,
         arbitration: Arbitration,
         *,
@@ -107,7 +90,7 @@ class Skill:
         self._samples_per_tick = samples_per_tick
         self._batches: deque[Batch] = deque()
         self._batch: Batch | None = None
-        self._pending: BackgroundUpdate[SkillLearner] | None = None
+        self._pending: BackgroundUpdate[Learner] | None = None
         self._survey: _Survey | None = None
         self._past: deque[_Past] = deque(maxlen=undo_steps)
 
@@ -187,7 +170,7 @@ class Skill:
         self._batch, self._survey = batch, None
         self._pending = BackgroundUpdate(self.learner.copy(), *batch, self._samples_per_tick)
 
-    def _swap(self, learner: SkillLearner, cause: Cause, mastery: float | None, undoes: str) -> Update:
+    def _swap(self, learner: Learner, cause: Cause, mastery: float | None, undoes: str) -> Update:
         self._past.append(_Past(self.learner, self.coverage, self.mastery, undoes))
         self.learner = learner
         self.coverage = learner.share_active(self._grid, self._w_th)
@@ -198,9 +181,7 @@ class Skill:
 class _Survey:
     """Asks at points of the plane, some in each tick, whether the skill would be in control."""
 
-    def __init__(
-        self, learner: SkillLearner, arbitration: Arbitration, points: list[tuple[float, float]]
-    ) -> None:
+    def __init__(self, learner: Learner, arbitration: Arbitration, points: list[tuple[float, float]]) -> None:
         self.learner = learner
         self._arbitration, self._points = arbitration, points
         self._asked = self._mastered = 0

@@ -26,7 +26,7 @@ def test_topics_and_numbers_are_unique():
 
 
 def test_an_arbitration_is_read_back_as_it_was_written():
-    values = [10, 1, 0.5, 0.51, *np.linspace(0.0, 1.0, 10).tolist(), 123, True, False]
+    values = [10, 1, 0.5, 0.51, *np.linspace(0.0, 1.0, 10).tolist(), 123, True, False, 0.003]
     read = parse(ARBITRATION, ARBITRATION.pack(*values))
     assert (read.C, read.w_max, read.accumulated, read.recorded, read.pending) == (
         0.5,
@@ -35,6 +35,7 @@ def test_an_arbitration_is_read_back_as_it_was_written():
         True,
         False,
     )
+    assert read.std == 0.003
     assert len(ARBITRATION.columns) == len(values)
 
 
@@ -46,7 +47,8 @@ def test_a_hand_state_is_read_back_as_it_was_written():
 def test_the_learner_is_read_back_from_its_message(rng):
     X = rng.uniform(-0.2, 0.2, (100, 2))
     skill = LWR().partial_fit(X, X[:, 0])
-    read = parse(LEARNER_STATE, pack_learner_state(5, 2, 0.75, skill))
+    read = parse(LEARNER_STATE, pack_learner_state(5, 2, 0.75, skill, cause=1))
+    assert read.cause == 1
     assert (read.update, read.samples, read.added, read.coverage) == (2, 100, skill.n_added, 0.75)
     models = unpack_models(
         read.n_inputs,

@@ -25,7 +25,7 @@ def teach(
     world: str | None = None,
     hand: Literal["simulated", "person"] | None = None,
     method: Literal["paper", "confident", "error", "success", "button"] | None = None,
-    learner: Literal["lwr", "multi", "rfwr"] | None = None,
+    learner: Literal["lwr", "multi", "rfwr", "lwpr"] | None = None,
     arbitration: Literal["paper", "confidence", "error", "success", "button"] | None = None,
     practice: float | None = None,
     seed: int = 1,

@@ -51,6 +51,7 @@ class SessionLog:
             tick.accumulated,
             tick.recorded,
             tick.is_learning,
+            tick.std,
         )
         self._ring.write(ARBITRATION_CHANNEL.id, time_ns, payload)
         if tick.update is not None:
@@ -60,7 +61,9 @@ class SessionLog:
 
     def update(self, time_ns: int, update: Update) -> None:
         """Log the whole learner."""
-        payload = pack_learner_state(time_ns, update.number, update.coverage, update.learner)
+        payload = pack_learner_state(
+            time_ns, update.number, update.coverage, update.learner, cause=int(update.cause)
+        )
         self._ring.write(LEARNER_STATE_CHANNEL.id, time_ns, payload)
 
     def hand(

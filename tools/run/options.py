@@ -62,6 +62,8 @@ class LearnerKind(Enum):
     """The same, with finer fields where the prediction misses: ours."""
     RFWR = "rfwr"
     """Receptive field weighted regression: the fields adapt size and shape."""
+    LWPR = "lwpr"
+    """Locally weighted projection regression: adapting fields, regression along a few directions."""
 
 
 class ArbitrationKind(Enum):
@@ -107,7 +109,7 @@ class MultiOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AdaptationOptions:
-    """Fields that adapt, for kind ``rfwr``."""
+    """Fields that adapt, for kinds ``rfwr`` and ``lwpr``."""
 
     lam_final: float = 1.0
     """Forgetting factor that a field tends to."""
@@ -121,6 +123,10 @@ class AdaptationOptions:
     """Learning rate of the learning rates; 0 leaves them alone."""
     diagonal: bool = False
     """Whether D stays diagonal."""
+    input_scale: float = 0.1
+    """What counts as an input of size 1 for the rates and the penalty [m]."""
+    output_scale: float = 0.05
+    """What counts as an output of size 1 for the rates and the penalty [m]."""
 
     def __post_init__(self) -> None:
         require_between("lam_final", self.lam_final, 0.0, 1.0, closed=True)
@@ -128,6 +134,8 @@ class AdaptationOptions:
         require_between("penalty", self.penalty, -1e-300, 1e6)
         require_between("rate", self.rate, 0.0, 1e6)
         require_between("meta_rate", self.meta_rate, -1e-300, 1e6)
+        require_between("input_scale", self.input_scale, 0.0, 1e3)
+        require_between("output_scale", self.output_scale, 0.0, 1e3)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,7 +143,7 @@ class LearnerOptions:
     """The learner of eqs. (1) to (7)."""
 
     kind: LearnerKind = LearnerKind.LWR
-    """Which learner: lwr, multi or rfwr."""
+    """Which learner: lwr, multi, rfwr or lwpr."""
     D: float = 400.0
     """Diagonal of the distance metric [1/m^2]."""
     w_gen: float = 0.8
@@ -149,7 +157,7 @@ class LearnerOptions:
     P0: float = 1e6
     """Initial covariance of a local model."""
     multi: MultiOptions = field(default_factory=MultiOptions)
-    rfwr: AdaptationOptions = field(default_factory=AdaptationOptions)
+    adaptation: AdaptationOptions = field(default_factory=AdaptationOptions)
 
     def build(self) -> LocalModels:
         """The learner.
@@ -157,11 +165,13 @@ class LearnerOptions:
         Raises:
             ConfigurationError: A value is out of range.
         """
-        if self.kind is LearnerKind.RFWR:
-            from teaching.rfwr import RFWR  # its kernels load only where they are used
+        if self.kind in (LearnerKind.RFWR, LearnerKind.LWPR):
+            from teaching.lwpr import LWPR  # their kernels load only where they are used
+            from teaching.rfwr import RFWR
 
-            adapting = self.rfwr
-            return RFWR(
+            adapting = self.adaptation
+            make = RFWR if self.kind is LearnerKind.RFWR else LWPR
+            return make(
                 D=self.D,
                 w_gen=self.w_gen,
                 w_prune=self.w_prune,
@@ -174,6 +184,8 @@ class LearnerOptions:
                 rate=adapting.rate,
                 meta_rate=adapting.meta_rate,
                 diagonal=adapting.diagonal,
+                input_scale=adapting.input_scale,
+                output_scale=adapting.output_scale,
             )
         multi = self.multi
         return LWR(

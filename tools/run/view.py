@@ -3,9 +3,11 @@
 from hm_driver.realtime.setpoint import LoopState
 from teaching.session import Session, Tick
 from tools.live import LiveView, SessionStatus
-from tools.run.keyboard import Keyboard
+from tools.run.keyboard import HELP, Keyboard, Wishes
 
 _EVERY = 10
+_TOLD = ("update", "forget", "forget all", "undo", "discard", "insist")
+"""Events that are shown."""
 
 
 class SessionView:
@@ -24,7 +26,8 @@ class SessionView:
         self._ticks = 0
         self._last = LoopState()
         self._keyboard = Keyboard()
-        self._messages = ["type a and Enter to let the skill go on alone"] if self._keyboard.is_there else []
+        self._wishes = Wishes()
+        self._messages = [HELP] if self._keyboard.is_there else []
         self.session_s = 0.0
         """Duration of the session so far [s]."""
         self.session: Session | None = None
@@ -32,12 +35,14 @@ class SessionView:
     def show(self, time_s: float, session: Session, tick: Tick, state: LoopState) -> None:
         """Show the session after a tick."""
         self.session_s, self.session = time_s, session
-        self._messages += [text for name, text in tick.events if name == "update"]
+        for name, text in tick.events:
+            if name in _TOLD:
+                self._messages.append(text if name == "update" else f"{name}: {text}")
         self._ticks += 1
         if self._ticks % _EVERY:
             return
-        if self._keyboard.asked() == "a":
-            session.request_autonomy()
+        for line in self._keyboard.lines():
+            self._messages += filter(None, [self._wishes.obey(line, session)])
         messages, self._messages = self._messages, []
         elapsed_ns = state.time_ns - self._last.time_ns
         rate = (state.cycle - self._last.cycle) * 1e9 / elapsed_ns if elapsed_ns > 0.0 else None
