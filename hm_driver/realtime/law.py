@@ -13,6 +13,7 @@ Example:
 import importlib
 import math
 import sys
+import threading
 import time
 from collections.abc import Sequence
 from typing import Protocol
@@ -23,6 +24,9 @@ from hm_driver.realtime.setpoint import LoopState, SetPoint
 REFUSED_IMPORTS = ("numpy", "numba", "scipy", "matplotlib", "pandas", "torch")
 """Packages that would bring threads, locks and hundreds of megabytes into the loop's process."""
 _DRY_RUNS = 200
+_MOST_MODULES = 200
+"""Modules that a law may bring with it; each is memory that is locked, and time at the start."""
+_PATIENCE_S = 5.0
 
 
 class ControlLaw(Protocol):
@@ -67,23 +71,46 @@ class LawRunner:
         return values, ""
 
 
-def load_law(path: str, *, period_ns: int) -> LawRunner:
+def load_law(path: str, *, period_ns: int, patience_s: float = _PATIENCE_S) -> LawRunner:
     """Import a law and try it before the arm moves.
 
     Args:
         path: ``module:Class``.
         period_ns: Period of the loop [ns]; a step may take a third of it.
+        patience_s: How long import and dry run may take together [s].
 
     Raises:
-        ConfigurationError: It cannot be imported, imports what the loop refuses, or fails its dry run.
+        ConfigurationError: It cannot be imported, imports what the loop refuses, fails its dry run, or does
+            not return from it.
     """
+    outcome: list[LawRunner | ConfigurationError] = []
+
+    def load() -> None:
+        try:
+            outcome.append(_load(path, period_ns))
+        except ConfigurationError as error:
+            outcome.append(error)
+
+    thread = threading.Thread(target=load, name="law", daemon=True)  # one that blocks is left behind
+    thread.start()
+    thread.join(patience_s)
+    if not outcome:
+        raise ConfigurationError(
+            "law", f"{path} did not return from its import and dry run within {patience_s:g} s: it blocks"
+        )
+    if isinstance(outcome[0], ConfigurationError):
+        raise outcome[0]
+    return outcome[0]
+
+
+def _load(path: str, period_ns: int) -> LawRunner:
     module_name, _, class_name = path.partition(":")
     if not (module_name and class_name):
         raise ConfigurationError("law", f"{path!r} is not module:Class")
     before = set(sys.modules)
     try:
         law = getattr(importlib.import_module(module_name), class_name)()
-    except Exception as error:  # whatever the user's module raises is the reason for the refusal
+    except (Exception, SystemExit) as error:  # whatever the module raises is the reason for the refusal
         raise ConfigurationError(
             "law", f"{path} cannot be loaded: {type(error).__name__}: {error}"
         ) from error
@@ -91,6 +118,11 @@ def load_law(path: str, *, period_ns: int) -> LawRunner:
     if heavy:
         raise ConfigurationError(
             "law", f"{path} imports {', '.join(heavy)}: the loop's process has to do without"
+        )
+    brought = len(sys.modules) - len(before)
+    if brought > _MOST_MODULES:
+        raise ConfigurationError(
+            "law", f"{path} brings {brought} modules with it, {_MOST_MODULES} are allowed: import less"
         )
     runner = LawRunner(law, name=path, budget_ns=period_ns // 3)
     for _ in range(_DRY_RUNS):

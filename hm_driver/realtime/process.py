@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import signal
 import subprocess
 import threading
 import time
@@ -254,7 +255,7 @@ class LoopProcess(LoopHandle):
     def _death(self) -> str:
         if self._process is None or (code := self._process.poll()) is None:
             return ""
-        how = f"killed by signal {-code}" if code < 0 else f"exit code {code}"
+        how = f"killed by {_signal_name(-code)}" if code < 0 else f"exit code {code}"
         return f"the loop's process died ({how})"
 
     def _end(self) -> None:
@@ -300,6 +301,11 @@ def end_process(process: "subprocess.Popen[bytes]", *, patience_s: float) -> Non
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
+
+
+def _signal_name(number: int) -> str:
+    name = signal.Signals(number).name if number in set(signal.Signals) else f"signal {number}"
+    return f"{name}: it used up RLIMIT_RTTIME" if name == "SIGXCPU" else name
 
 
 def _run_in_thread(options: LoopOptions, segment: Segment) -> None:

@@ -38,6 +38,7 @@ class StillDevice:
         self.failure: Exception | None = None
         self.button = False
         self.stale = False
+        self.delay_s = 0.0
         self._asked = 0
 
     def exchange(self, request: str) -> str:
@@ -124,6 +125,8 @@ def serve(device: StillDevice, connection: socket.socket, *, takes_text: bool) -
                 drives = drives or "measpos" in request
                 if (device.silent and drives) or (dialect is Dialect.TEXT and not takes_text):
                     continue
+                if drives:
+                    time.sleep(device.delay_s)
                 parts = [device.answer(command) for command in request.split("; ")]
                 if dialect is Dialect.FRAMED:
                     parts = [part if part[0] in "[0123456789" else f'"{part}"' for part in parts]

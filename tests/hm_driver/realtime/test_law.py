@@ -34,6 +34,9 @@ def test_a_law_is_loaded_and_run(module):
     assert SetPoint(*set_point) == SetPoint(target_z=0.5, bias_x=1.0)
 
 
+MANY = "import sys, types\nsys.modules.update({f'users_{k}': types.ModuleType('m') for k in range(210)})"
+
+
 def law(body, before=""):
     return f"{before}\nclass Law:\n    def step(self, state, command, dt):\n        {body}\n"
 
@@ -47,6 +50,8 @@ def law(body, before=""):
         ("users_short", law("return command[:3]"), "not a SetPoint"),
         ("users_none", law("pass"), "TypeError"),
         ("users_slow", law("time.sleep(0.001); return command", "import time"), "took"),
+        ("users_many", law("return command", MANY), "brings 2.. modules"),
+        ("users_exits", law("return command", "raise SystemExit(3)"), "SystemExit"),
         ("users_empty", "", "AttributeError"),
         ("users_broken", "class Law\n", "SyntaxError"),
     ],
@@ -55,6 +60,14 @@ def test_a_law_that_would_not_do_is_refused_with_the_reason(module, tmp_path, na
     (tmp_path / "pandas.py").write_text("")  # stands for what the loop refuses, wherever that is installed
     with pytest.raises(ConfigurationError, match=reason):
         load_law(module(name, text), period_ns=MS)
+
+
+@pytest.mark.parametrize(
+    "text", [law("time.sleep(60)", "import time"), "import time\ntime.sleep(60)\n"], ids=["step", "import"]
+)
+def test_a_law_that_blocks_is_refused(module, text):
+    with pytest.raises(ConfigurationError, match="did not return"):
+        load_law(module("users_blocks", text), period_ns=MS, patience_s=0.3)
 
 
 @pytest.mark.parametrize("path", ["", "module", ":Law", "module:"])
