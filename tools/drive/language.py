@@ -181,10 +181,8 @@ def find(words: Mapping[str, Word[C]], name: str) -> Word[C]:
     """
     if name in words:
         return words[name]
-    near = suggestion(name, (*words, *VERBS)).lstrip("; ")
-    raise ConfigurationError(
-        name, f"unknown word{f'; {near}' if near else ''} 'help' lists all".replace("  ", " ")
-    )
+    near = suggestion(name, (*words, *VERBS)) or ";"
+    raise ConfigurationError(name, f"unknown word{near} 'help' lists all")
 
 
 def read(word: Word[C], given: Sequence[str]) -> Call:

@@ -143,7 +143,8 @@ class Explainer:
         if words[0] == "set" and words[1:2] == ["state"] and len(words) == 3:
             near = _near(words[2], SETTABLE_STATES)
             return f"{words[2]!r} is no state{near}; accepted: {' '.join(SETTABLE_STATES)}"
-        if words[0] == "set" and len(words) == 3 and words[1] not in self._table.objects:
+        named = (*SETTABLE_QUANTITIES, *self._table.objects)
+        if words[0] == "set" and len(words) == 3 and words[1] not in named:
             near = _near(words[1], SETTABLE_QUANTITIES)
             settable = " ".join(SETTABLE_QUANTITIES)
             return (
