@@ -18,7 +18,7 @@ Example:
 import struct
 from collections.abc import Iterable, Sequence
 from enum import Enum
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 from hm_driver.recording import descriptors, wire
 
@@ -115,16 +115,9 @@ class Field:
 class Message(Protocol):
     """What the recorder and the reader need to know of a message."""
 
-    name: str
-    doc: str
-    fields: tuple[Field, ...]
-
     @property
-    def columns(self) -> tuple[str, ...]:
-        """Names of its columns, in the order in which `pack` takes the values."""
-
-    def pack(self, *values: Value) -> bytes:
-        """Wire form of one message."""
+    def full_name(self) -> str:
+        """Its name with the package, as in the schema."""
 
     def file_descriptor_set(self) -> bytes:
         """Serialised ``google.protobuf.FileDescriptorSet``: the schema that goes into a log."""
@@ -192,7 +185,13 @@ class FixedMessage:
         self.columns = _columns(self.fields)
         self._struct = struct.Struct("<" + "".join(f"{len(tag)}s{code}" for tag, code in self.layout))
         self._template: list[object] = [part for tag, _ in self.layout for part in (tag, 0)]
+        self._values = struct.Struct("<" + "".join(f"{len(tag)}x{code}" for tag, code in self.layout))
         self.size = self._struct.size
+
+    @property
+    def full_name(self) -> str:
+        """Its name with the package."""
+        return f"{PACKAGE}.{self.name}"
 
     def __reduce__(self) -> tuple[type["FixedMessage"], tuple[str, str, tuple[Field, ...]]]:
         return FixedMessage, (self.name, self.doc, self.fields)
@@ -224,6 +223,14 @@ class FixedMessage:
         parts[1::2] = values
         return self._struct.pack(*parts)
 
+    def unpack(self, payload: bytes) -> tuple[Any, ...]:
+        """The values of a message that `pack` made, one per column.
+
+        Raises:
+            struct.error: for a payload of another size.
+        """
+        return self._values.unpack(payload)
+
     def pack_into(self, buffer: bytearray | memoryview, offset: int, *values: float) -> None:
         """Write the wire form into ``buffer[offset : offset + size]``; raises as `pack` does."""
         parts = self._template[:]
@@ -253,6 +260,11 @@ class VariableMessage:
         self.fields = tuple(fields)
         _check_names(name, self.fields)
         self.columns = _columns(self.fields)
+
+    @property
+    def full_name(self) -> str:
+        """Its name with the package."""
+        return f"{PACKAGE}.{self.name}"
 
     def pack(self, *values: Value) -> bytes:
         """Wire form of the values, one per field; a VECTOR3 takes a sequence of three.

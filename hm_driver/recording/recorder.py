@@ -16,6 +16,7 @@ from pathlib import Path
 
 from hm_driver.errors import RecordingError
 from hm_driver.realtime.child import spawn
+from hm_driver.recording.derivation import Deriver
 from hm_driver.recording.recorder_main import (
     RecorderJob,
     RecorderOptions,
@@ -41,6 +42,7 @@ class RecorderProcess:
         rings: Where the records come from.
         channels: Every channel that may come.
         bundles: Bundles that may come.
+        derivers: Make further messages of those that come, in the recorder's process.
         metadata: Records of metadata, by name: what is known at the start.
         attachments: Files inside the log, such as the configuration.
         options: How to write.
@@ -53,6 +55,7 @@ class RecorderProcess:
         rings: Sequence[RingSource],
         channels: Sequence[Channel] = DEVICE_CHANNELS,
         bundles: Sequence[Bundle] = (LOOP_BUNDLE,),
+        derivers: Sequence[Deriver] = (),
         metadata: Mapping[str, Mapping[str, str]] | None = None,
         attachments: Sequence[Attachment] = (),
         options: RecorderOptions | None = None,
@@ -62,6 +65,7 @@ class RecorderProcess:
             rings=tuple(rings),
             channels=tuple(channels),
             bundles=tuple(bundles),
+            derivers=tuple(derivers),
             metadata={name: dict(values) for name, values in (metadata or {}).items()},
             attachments=tuple(attachments),
             options=options or RecorderOptions(),

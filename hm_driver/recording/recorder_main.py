@@ -12,6 +12,7 @@ from pathlib import Path
 
 from hm_driver.errors import ConfigurationError, RecordingError
 from hm_driver.realtime.child import receive_argument
+from hm_driver.recording.derivation import Deriver
 from hm_driver.recording.ring import Ring
 from hm_driver.recording.schemas import Bundle, Channel
 from hm_driver.recording.spooler import Spooler
@@ -111,6 +112,8 @@ class RecorderJob:
     """Every channel that may come."""
     bundles: tuple[Bundle, ...]
     """Bundles that may come."""
+    derivers: tuple[Deriver, ...]
+    """Make further messages of those that come."""
     metadata: dict[str, dict[str, str]]
     """Records of metadata, by name."""
     attachments: tuple[Attachment, ...]
@@ -134,7 +137,7 @@ class RecorderJob:
         self.part = part + 1
         return LogWriter(
             part_path(self.path, part),
-            self.channels,
+            (*self.channels, *(made for deriver in self.derivers for made in deriver.channels)),
             metadata={**self.metadata, "part": {"number": str(part), "log": self.path.name}},
             attachments=self.attachments,
             compression=self.options.compression,
@@ -174,7 +177,7 @@ def run_recorder() -> None:
         except (OSError, ValueError) as error:
             link.send(RecorderStatus(path=job.path, problem=str(error)))
             return
-        spooler = Spooler(rings, writer, job.bundles, is_continued=is_continued)
+        spooler = Spooler(rings, writer, job.bundles, job.derivers, is_continued=is_continued)
         session = _Session(link, writer, spooler, job)
         link.send(session.status())
         session.run(terminated)
@@ -239,7 +242,8 @@ class _Session:
             return action() or 0
         except OSError as error:
             self._problem = f"{self._writer.path}: {error.strerror or error}"
-            self._unwritten = self._spooler.messages - self._written - self._writer.messages_written
+            written = self._written + self._writer.messages_written
+            self._unwritten = max(0, self._spooler.messages + self._spooler.derived - written)
             self._writer.abandon()
             return 1
 

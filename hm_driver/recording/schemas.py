@@ -146,7 +146,7 @@ class Bundle:
         for channel in self.channels:
             message = channel.message
             if not isinstance(message, FixedMessage):
-                problem = f"channel {channel.topic} carries {message.name}, which has no fixed width"
+                problem = f"channel {channel.topic} carries {message.full_name}, which has no fixed width"
                 raise ValueError(problem)  # noqa: TRY004 - a wrong choice of channel, not a wrong type
             for tag, code in message.layout:
                 tags += (tag, 0)

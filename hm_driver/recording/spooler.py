@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
+from hm_driver.recording.derivation import Deriver
 from hm_driver.recording.ring import Record, Ring
 from hm_driver.recording.schemas import Bundle
 from hm_driver.recording.writer import LogWriter
@@ -20,6 +21,7 @@ class Spooler:
         rings: The rings, as their reader.
         writer: Where the messages go.
         bundles: Bundles that may stand in the rings; they become messages of their channels.
+        derivers: Make further messages of those in the rings.
         is_continued: Whether another reader emptied the rings before: sequence numbers go on from there.
     """
 
@@ -28,18 +30,25 @@ class Spooler:
         rings: Sequence[Ring],
         writer: LogWriter,
         bundles: Iterable[Bundle] = (),
+        derivers: Iterable[Deriver] = (),
         *,
         is_continued: bool = False,
     ) -> None:
         self._rings = rings
         self._writer = writer
         self._slices = {bundle.id: bundle.slices for bundle in bundles}
+        self._derivers: dict[int, list[Deriver]] = {}
+        for deriver in derivers:
+            for source in deriver.sources:
+                self._derivers.setdefault(source, []).append(deriver)
         self._is_continued = is_continued
         self._expected: list[dict[int, int]] = [{} for _ in rings]
         self.lost = 0
         """Messages that the writers of the rings had to drop."""
         self.messages = 0
         """Messages taken out of the rings."""
+        self.derived = 0
+        """Messages made of others."""
 
     def spool(self) -> int:
         """Move what the rings hold, up to 1 MiB each, in the order of log time; returns the records moved.
@@ -58,12 +67,23 @@ class Spooler:
             slices = slices_of.get(channel)
             if slices is None:
                 chunk.add(channel, log_time_ns, payload, skipped)
+                if channel in self._derivers:
+                    self._derive(channel, log_time_ns, payload)
             else:
                 chunk.add_bundle(slices, log_time_ns, payload, skipped)
+                for number, start, end in slices:
+                    if number in self._derivers:
+                        self._derive(number, log_time_ns, payload[start:end])
             self._writer.end_full_chunk()
         if any(ring.unreleased >= min(self._writer.chunk_bytes, ring.capacity // 4) for ring in self._rings):
             self.settle()
         return len(records)
+
+    def _derive(self, channel: int, log_time_ns: int, payload: bytes) -> None:
+        for deriver in self._derivers[channel]:
+            for derived in deriver.derive(channel, log_time_ns, payload):
+                self._writer.chunk.add(*derived)
+                self.derived += 1
 
     def settle(self) -> None:
         """Bring what was read into the file and release its memory; raises OSError as `spool` does."""

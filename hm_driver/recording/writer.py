@@ -16,7 +16,6 @@ from mcap.writer import MCAP0_MAGIC
 
 from hm_driver.errors import RecordingError
 from hm_driver.recording.chunks import ChunkBuilder
-from hm_driver.recording.messages import PACKAGE
 from hm_driver.recording.schemas import Channel
 from hm_driver.version import __version__
 
@@ -249,7 +248,7 @@ class LogWriter:
             self.abandon()
 
     def _add_channel(self, channel: Channel) -> None:
-        name = f"{PACKAGE}.{channel.message.name}"
+        name = channel.message.full_name
         schema = next((one for one in self._schemas if one.name == name), None)
         if schema is None:
             data = channel.message.file_descriptor_set()

@@ -10,6 +10,8 @@ from functools import cache
 
 import numpy as np
 import pytest
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from mcap.reader import make_reader
 
 from emulator.in_process import LockstepEmulator
@@ -39,6 +41,11 @@ TOPICS = {
     "/device/command",
     "/loop/timing",
     "/events",
+    "/device/arm",
+    "/device/pose",
+    "/log",
+    "/scene",
+    "/tf",
     "/teaching/arbitration",
     "/teaching/learner",
     "/teaching/hand",
@@ -378,3 +385,29 @@ def test_rendered_force_is_ramped_and_limited(tmp_path):
     assert 1.0 < np.abs(bias).max() <= limits.bias_max
     assert np.abs(np.diff(bias)).max() <= limits.bias_rate * 1e-3 + TINY
     assert bias[-1] == 0.0
+
+
+def test_a_viewer_finds_the_arm_the_plane_the_fields_and_the_events_in_the_log(session):
+    with session(1).open("rb") as file:
+        reader = make_reader(file)
+        kinds = {
+            channel.topic: reader.get_summary().schemas[channel.schema_id].name
+            for channel in reader.get_summary().channels.values()
+        }
+        scenes = [
+            SceneUpdate.FromString(message.data).entities[0]
+            for _, _, message in reader.iter_messages(topics="/scene")
+        ]
+        said = [Log.FromString(message.data).name for _, _, message in reader.iter_messages(topics="/log")]
+    assert {topic: kind for topic, kind in kinds.items() if kind.startswith("foxglove.")} == {
+        "/device/pose": "foxglove.PoseInFrame",
+        "/device/arm": "foxglove.SceneUpdate",
+        "/tf": "foxglove.FrameTransform",
+        "/log": "foxglove.Log",
+        "/scene": "foxglove.SceneUpdate",
+    }
+    with Recording(session(1)) as log:
+        assert said == log.columns("/events")["name"].tolist()
+        models = [len(centres) // 2 for centres in log.columns("/teaching/learner")["centres"]]
+    assert [len(scene.cylinders) // 2 for scene in scenes if scene.id == "receptive fields"] == models
+    assert scenes[0].id == "plane"

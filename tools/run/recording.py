@@ -11,6 +11,7 @@ from typing import Any
 
 from hm_driver.errors import RecordingError
 from hm_driver.realtime.shared import SharedBlock
+from hm_driver.recording.derivation import ArmDeriver
 from hm_driver.recording.recorder import RecorderProcess, RecorderStatus, RingSource
 from hm_driver.recording.ring import Ring, WhenFull
 from hm_driver.recording.schemas import DEVICE_CHANNELS
@@ -19,6 +20,7 @@ from hm_driver.version import __version__
 from teaching.messages import CHANNELS
 from tools.config_text import to_dict
 from tools.run.request import TeachRequest
+from tools.run.scene import SceneDeriver
 
 RING_BYTES = 1 << 23
 """Memory of a ring [B]: more than 10 s of the loop at 1 kHz."""
@@ -123,6 +125,10 @@ def open_recording(
             path,
             rings=[RingSource(block.path) for block in blocks],
             channels=(*DEVICE_CHANNELS, *CHANNELS),
+            derivers=(
+                ArmDeriver(request.options.geometry),
+                SceneDeriver(request.task, w_th=request.options.arbitration.w_th),
+            ),
             metadata={"session": session},
             attachments=attachments,
         )
