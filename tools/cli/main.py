@@ -25,6 +25,7 @@ Anywhere on the line, --debug adds the traceback of an error.
 _GROUPS = {
     "config": "The configuration of a teaching session.",
     "log": "What sessions have recorded.",
+    "study": "Many sessions over methods, surfaces and parameters.",
 }
 _COMMANDS = {
     "teach": ("tools.cli.teach:teach", "Teach the arm a task: human and robot share control."),
@@ -33,6 +34,9 @@ _COMMANDS = {
     "report": ("tools.cli.report:report", "Write the report of a session from its log."),
     "jitter": ("tools.cli.jitter:app", "Measure how punctual the loop is, beside any load."),
     "config show": ("tools.cli.config:show", "Print it, with the source of each value."),
+    "study run": ("tools.cli.study:run", "Run a study file, or go on with it."),
+    "study show": ("tools.cli.study:show", "Print its tables, and draw its pictures."),
+    "study list": ("tools.cli.study:list_", "List the studies that are shipped."),
     "log info": ("tools.cli.log:info", "Say what a log holds."),
     "log recover": ("tools.cli.log:recover", "Make a damaged log readable."),
 }
