@@ -3,6 +3,7 @@
 import contextlib
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -11,6 +12,7 @@ from cyclopts import Parameter
 from tools.cli.console import tell, write, write_json, write_table
 
 if TYPE_CHECKING:
+    from tools.check.first_run import Approach
     from tools.report import Summary
     from tools.run.request import Outcome, TeachRequest
     from tools.run.view import SessionView
@@ -32,6 +34,7 @@ def teach(
     config: Path | None = None,
     set_: Annotated[list[str] | None, Parameter(name="--set", negative="")] = None,
     output: Path = Path("sessions"),
+    yes_real_robot: Annotated[bool, _SWITCH] = False,
     json: Annotated[bool, _SWITCH] = False,
 ) -> int:
     """Teach the arm a task: a human demonstrates, the robot learns meanwhile and takes over where it has.
@@ -52,6 +55,7 @@ def teach(
         config: TOML file; hm config show prints one.
         set_: A value over the file's, as in learner.w_gen=0.7; may be given again.
         output: Directory of the log and of the report.
+        yes_real_robot: Confirm the first run on a robot, which is slow and weak, without being asked.
         json: Print the table as one JSON object, and nothing else on standard output.
     """
     from tools.cli.failures import ExitCode
@@ -64,7 +68,10 @@ def teach(
     )  # fmt: skip
     for warning in request.options.warnings():
         tell(f"note: {warning}")
+    request, approach = _approached(request, yes=yes_real_robot)
     outcome = _run(request, fast=fast)
+    if approach is not None:
+        approach.completed()
     ran_s = time.monotonic() - began
     summary, report = _report(outcome)
     values = _table(summary, outcome, seed=seed, report=report, wall_s=time.monotonic() - began)
@@ -131,6 +138,18 @@ def _request(
     return TeachRequest(
         options=options, task=task, seed=seed, output=output, hand=kind, device=device, world=world
     )
+
+
+def _approached(request: "TeachRequest", *, yes: bool) -> "tuple[TeachRequest, Approach | None]":
+    """The request with the limits of a first run, where the device is a robot that has not been run yet."""
+    from tools.cli.approach import approach_at_terminal
+
+    if request.device is None:
+        return request, None
+    approach = approach_at_terminal(request.device, world=request.world, yes=yes)
+    options = request.options
+    modes, limits = approach.reduce(options.modes, options.limits, options.geometry)
+    return replace(request, options=replace(options, modes=modes, limits=limits)), approach
 
 
 def _run(request: "TeachRequest", *, fast: bool) -> "Outcome":

@@ -1,0 +1,1 @@
+"""Before this software drives a robot: the first run, and the comparison with the fidelity table."""
