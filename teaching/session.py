@@ -119,8 +119,10 @@ class Session:
         self.w_th = w_th
         self.stage = Stage.PRACTICE
         self.hand_overs = 0
-        self.button = False
-        """Whether the human's button is down; anybody who sees it may set it."""
+        self.is_pressed = False
+        """Whether the human holds his button; whoever sees it sets it."""
+        self.is_latched = False
+        """Whether the button stays down without a finger on it, as that of a keyboard does."""
         self._arbitration = arbitration
         self._accumulator = accumulator
         self._skill = Skill(
@@ -152,8 +154,8 @@ class Session:
         self._kept = self._fade = 0.0
         self._held = 0.0
         self._settling = 0.0
-        self._was_pressed = False
-        self._releases_button = False
+        self._was_down = False
+        self._has_insisted = False
         self._last_y_cmd: float | None = None
         self._sequence = 0.0
         self._requested_autonomy = False
@@ -173,6 +175,11 @@ class Session:
     def updates(self) -> int:
         """Batches learned."""
         return self._skill.updates
+
+    @property
+    def button(self) -> bool:
+        """Whether the button counts as down: held, latched, or by insisting until the next update."""
+        return self.is_pressed or self.is_latched or self._has_insisted
 
     def request_autonomy(self) -> None:
         """Let the skill go on alone from the next tick, as the user may decide at any time."""
@@ -225,7 +232,10 @@ class Session:
         else:
             y_robot, w_max = skill.learner.query(x, y)
         if is_teaching:
-            wanted = self._arbitration.factor(Query(y_robot, w_max, std, x, y)) if self._held <= 0.0 else 1.0
+            wanted = self._arbitration.factor(Query(y_robot, w_max, std, x, y))
+            if self._held > 0.0:
+                self._held -= dt
+                wanted = 1.0
         else:
             wanted = 1.0 if stage is _PRACTICE else 0.0
         if not 0.0 <= y_robot <= self._depth_limit:
@@ -306,7 +316,7 @@ class Session:
                 0.0,
                 self.options.feedback_gain * force if self._is_rendered and is_led else 0.0,
             ),
-            Seen(handle, x, y, depth, force, C, surface, not is_led),
+            Seen(handle, x, y, depth, force, C, surface, not is_led, self._is_uncoupled),
             change,
             tuple(events) if events else (),
         )
@@ -348,6 +358,7 @@ class Session:
         least = self._least_C
         if C > least >= before:
             self._settling = self.options.settling
+            self._held = max(self._held, self.options.stay)
         elif before > least >= C:
             while (batch := self._accumulator.confirm()) is not None:
                 self._skill.learn(batch)
@@ -365,21 +376,19 @@ class Session:
         return self.options.record_without_contact or y_handle > 0.0
 
     def _observe(self, observation: Observation, events: list[Event]) -> None:
-        if self.button is not self._was_pressed:
-            self._was_pressed = self.button
-            events.append(("button", "the human's button is " + ("down" if self.button else "up")))
+        if observation.is_pressed is not self._was_down:
+            self._was_down = observation.is_pressed
+            events.append(("button", f"the human's button is {'down' if self._was_down else 'up'}"))
         self._arbitration.observe(observation)
 
     def _feel(self, x: float, y: float, C: float, dt: float, events: list[Event]) -> None:
         """Give control back to a human who insists, and forget what he insists against."""
-        self._held = max(0.0, self._held - dt)
         is_robot = C < 0.5 and not self._is_uncoupled
         if self._insistence.step(self._push, dt, is_robot=is_robot):
             events.append(("insist", f"the human pushed against the skill with {abs(self._push):.1f} N"))
             self._asked.append(("forget", Region(x, y, self._correction.radius)))
             self._held = self._correction.hold
-            self._releases_button = self._releases_button or not self.button
-            self.button = True
+            self._has_insisted = True
 
     def _correct(self, x: float, y: float, events: list[Event]) -> Update | None:
         """Do what the human asked for, in the order in which he did."""
@@ -425,8 +434,7 @@ class Session:
             self._kept, self._fade = self._y_robot, 1.0
         if update.cause is Cause.UPDATE:
             events.append(("update", f"update {update.number}: coverage {100.0 * update.coverage:.1f} %"))
-            if self._releases_button:
-                self.button = self._releases_button = False
+            self._has_insisted = False
         if self._skill.mastery < self.options.autonomy_coverage:
             self._mastered_at = None
         elif self._mastered_at is None:

@@ -41,6 +41,9 @@ class SessionOptions:
     hand_over: float = 0.3
     """Least duration of a full change of control [s]. The blend zone of eq. (9) is 4 mm wide, 2 ticks at the
     speed of the demonstration; C follows eq. (9) no faster than this, and a hand-over takes its time."""
+    stay: float = 0.0
+    """How long control stays the human's at least, once it is his alone again [s]: he can show something, and
+    it does not go to and fro. 0 lets it go at once, as eq. (9) does."""
     coupling: Coupling = Coupling.COUPLED
     """Whether the blend moves the handle, as in the paper, or the manipulator alone."""
     samples_per_tick: int = 50
@@ -73,7 +76,7 @@ class SessionOptions:
     """Share of the interaction force that is rendered on the hand."""
 
     def __post_init__(self) -> None:
-        for name in ("practice", "examination", "hand_over", "feedback_gain", "settling"):
+        for name in ("practice", "examination", "hand_over", "feedback_gain", "settling", "stay"):
             if not 0.0 <= getattr(self, name):
                 raise ConfigurationError(name, f"{getattr(self, name)} must not be negative")
         for name in (

@@ -28,6 +28,8 @@ class Seen(NamedTuple):
     """Index of the colour under the manipulator; -1 beside the plane."""
     autonomous: bool
     """Whether the screen asks him to let go, for the autonomous stage."""
+    is_free: bool = False
+    """Whether the handle is his at any C, and he goes on demonstrating: the uncoupled variant."""
 
 
 class HandIntent(NamedTuple):
@@ -52,6 +54,11 @@ class Hand(Protocol):
     draws its randomness from a generator that it was given. None means that the hand lets go.
     """
 
+    @property
+    def button(self) -> bool:
+        """Whether it holds the button that takes control, for those methods that ask the human."""
+        return False
+
     def step(self, seen: Seen, dt: float) -> HandIntent | None:
         """Answer what is seen with an intent.
 
@@ -64,6 +71,9 @@ class Hand(Protocol):
 
 class PersonHand:
     """A person at a real handle: the session does not move him."""
+
+    button = False
+    """His button is a key of the keyboard."""
 
     def step(self, seen: Seen, dt: float) -> HandIntent | None:  # noqa: ARG002  # the contract's signature
         """Leave the end effector to the person."""

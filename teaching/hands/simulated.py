@@ -14,6 +14,7 @@ from enum import Enum
 import numpy as np
 
 from hm_driver.errors import ConfigurationError
+from teaching.hands.button import Finger
 from teaching.hands.contract import HandIntent, Seen, Vector
 from teaching.hands.memory import PlaneMemory
 from teaching.hands.paths import Area, Point, Walker, raster
@@ -163,11 +164,18 @@ class SimulatedHand:
         self._age = 0.0
         self._taught: list[Point] = []
         self._last_position: Vector | None = None
+        self._finger = Finger(reference_force)
         self.doing = Doing.APPROACHING
         self._start_object()
 
+    @property
+    def button(self) -> bool:
+        """Whether he holds the button that takes control."""
+        return self._finger.is_down
+
     def step(self, seen: Seen, dt: float) -> HandIntent | None:
         """Answer what is seen; lets go when the screen says that the autonomous stage begins."""
+        self._finger.step(seen, dt)
         if seen.autonomous:
             return None
         options = self._options
@@ -176,7 +184,7 @@ class SimulatedHand:
         self._decide(seen, dt)
         self._press(seen, dt)
         x, y = self._walker.step(dt, moving=not self._hesitates)
-        in_control = seen.C > 0.5
+        in_control = seen.C > 0.5 or seen.is_free
         if in_control:
             self._hold = min(1.0, self._hold + dt / options.grip_time)
         else:
@@ -267,7 +275,7 @@ class SimulatedHand:
         colour = self._colour
         while self._delayed and self._delayed[0][0] <= self._age + 1e-9:
             _, self._colour, self._felt = self._delayed.popleft()
-        if seen.C <= 0.5:
+        if seen.C <= 0.5 and not seen.is_free:
             self._move_depth(seen.depth, dt)
             self._settled = 0.0
             self._hesitates = False

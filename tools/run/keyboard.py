@@ -68,8 +68,8 @@ class Wishes:
         elif key in ("d", "D"):
             session.discard()
         elif key in ("b", "B"):
-            session.button = not session.button
-            return f"the button is {'down' if session.button else 'up'}"
+            session.is_latched = not session.is_latched
+            return f"the button is {'down' if session.is_latched else 'up'}"
         elif key in ("a", "A"):
             session.request_autonomy()
         elif key:

@@ -133,6 +133,7 @@ def run_ticks(session: Session, plugs: Plugs, *, start_ns: int, epoch_ns: int) -
         log.tick(time_ns, tick)
         if plugs.world is not None:
             intent = plugs.hand.step(tick.seen, min(deadline_ns - last_ns, LONGEST_STEP_NS) * 1e-9)
+            session.is_pressed = plugs.hand.button
             for felt in plugs.world.move(time_ns, intent):
                 log.hand(felt.time_ns, felt.intent, felt.hand_force, felt.contact_force)
         plugs.view.show((deadline_ns - start_ns) * 1e-9, session, tick, state)
