@@ -278,6 +278,7 @@ def test_a_full_disk_is_told_and_the_rings_are_still_emptied(tmp_path):
         rings=(),
         channels=(EVENTS_CHANNEL,),
         bundles=(),
+        derivers=(),
         metadata={},
         attachments=(),
         options=RecorderOptions(),
