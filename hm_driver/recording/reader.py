@@ -1,11 +1,13 @@
 """Reading a log: columns as numpy arrays, by topic and time range, also from a truncated file."""
 
+import glob
+import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from mcap import records
@@ -52,44 +54,57 @@ class TopicSummary:
 
 
 class Recording:
-    """A log, open for reading; a context manager.
+    """A log with all its parts, open for reading; a context manager.
+
+    A log that was split, or whose recorder died, goes on in files named ``NAME.part2.mcap`` and so on beside
+    it: they are read as one. What a killed recorder had written and the next one wrote again is read once.
 
     Args:
-        path: The MCAP file.
+        path: The MCAP file; the first of its parts, or a single later one.
 
     Raises:
         RecordingError: if it is missing, empty, or no MCAP file.
     """
 
     def __init__(self, path: str | Path) -> None:
-        self._container = Container(path)
-        self.path = self._container.path
-        contents = self._container.contents
-        self._channels = {channel.topic: channel for channel in contents.channels.values()}
+        self.path = Path(path)
+        self._parts = [_Part(Container(path))]
+        try:
+            self._parts += [_Part(Container(one)) for one in parts_after(self.path)]
+        except RecordingError:
+            self.close()
+            raise
         self._decoders: dict[str, Decoder] = {}
-        self.damage = contents.damage
-        """Why the file is not whole; empty where it is."""
+        damaged = [part for part in self._parts if part.contents.damage]
+        self.damage = "; ".join(_damage(part, self.path) for part in damaged)
+        """Why the log is not whole; empty where it is."""
         if self.damage:
+            chunks = sum(len(part.contents.chunks) for part in self._parts)
             warnings.warn(
-                f"{self.path} is not whole: {self.damage}; {len(contents.chunks)} chunks can be read",
+                f"{self.path} is not whole: {self.damage}; {chunks} chunks can be read",
                 RecordingWarning,
                 stacklevel=3,
             )
 
     @property
+    def parts(self) -> tuple[Path, ...]:
+        """The files that are read, in their order."""
+        return tuple(part.container.path for part in self._parts)
+
+    @property
     def topics(self) -> tuple[str, ...]:
         """Names of the topics."""
-        return tuple(sorted(self._channels))
+        return tuple(sorted({topic for part in self._parts for topic in part.channels}))
 
     @property
     def start_time_ns(self) -> int:
         """Log time of the first message [ns since the epoch]; 0 in a log without messages."""
-        return min((place.start_time_ns for place in self._container.contents.chunks), default=0)
+        return min((place.start_time_ns for part in self._parts for place in part.contents.chunks), default=0)
 
     @property
     def end_time_ns(self) -> int:
         """Log time of the last message [ns since the epoch]."""
-        return max((place.end_time_ns for place in self._container.contents.chunks), default=0)
+        return max((place.end_time_ns for part in self._parts for place in part.contents.chunks), default=0)
 
     @property
     def duration_s(self) -> float:
@@ -99,9 +114,9 @@ class Recording:
     @cached_property
     def counts(self) -> dict[str, int]:
         """Number of messages of each topic."""
-        known = self._container.contents.counts
-        if known is not None:
-            return {topic: known.get(channel.id, 0) for topic, channel in self._channels.items()}
+        if len(self._parts) == 1 and (known := self._parts[0].contents.counts) is not None:
+            channels = self._parts[0].channels
+            return {topic: known.get(channel.id, 0) for topic, channel in channels.items()}
         counts = dict.fromkeys(self.topics, 0)
         for topic, times, _ in self._blocks(self.topics):
             counts[topic] += len(times)
@@ -109,17 +124,21 @@ class Recording:
 
     @cached_property
     def metadata(self) -> dict[str, dict[str, str]]:
-        """Records of metadata, by name."""
-        offsets = self._container.contents.metadata
-        found = [self._container.record(records.Metadata, offset) for offset in offsets]
-        return {record.name: dict(record.metadata) for record in found}
+        """Records of metadata, by name; a later part's take the place of an earlier one's."""
+        return {
+            record.name: dict(record.metadata)
+            for part in self._parts
+            for record in (part.container.record(records.Metadata, at) for at in part.contents.metadata)
+        }
 
     @cached_property
     def attachments(self) -> dict[str, bytes]:
         """Files inside the log, by name."""
-        offsets = self._container.contents.attachments
-        found = [self._container.attachment(offset) for offset in offsets]
-        return {record.name: record.data for record in found}
+        return {
+            record.name: record.data
+            for part in self._parts
+            for record in (part.container.attachment(offset) for offset in part.contents.attachments)
+        }
 
     def describe(self, topic: str) -> TopicSummary:
         """Schema, columns and units of a topic.
@@ -128,8 +147,8 @@ class Recording:
             RecordingError: if there is no such topic, or its messages are not protobuf.
         """
         decoder = self._decoder(topic)
-        schema = self._container.contents.schemas[self._channels[topic].schema_id]
-        return TopicSummary(topic, schema.name, decoder.names, decoder.units)
+        schema = next(part.schema(topic) for part in self._parts if topic in part.channels)
+        return TopicSummary(topic, schema.name if schema else "", decoder.names, decoder.units)
 
     def columns(
         self,
@@ -202,8 +221,9 @@ class Recording:
         return chosen
 
     def close(self) -> None:
-        """Close the file; idempotent."""
-        self._container.close()
+        """Close the files; idempotent."""
+        for part in self._parts:
+            part.container.close()
 
     def __enter__(self) -> "Recording":
         return self
@@ -212,12 +232,12 @@ class Recording:
         self.close()
 
     def _decoder(self, topic: str) -> Decoder:
-        channel = self._channels.get(topic)
-        if channel is None:
+        part = next((part for part in self._parts if topic in part.channels), None)
+        if part is None:
             there = ", ".join(self.topics) or "none"
             raise RecordingError(f"{self.path} has no channel {topic}; there are: {there}")
         if topic not in self._decoders:
-            schema = self._container.contents.schemas.get(channel.schema_id)
+            channel, schema = part.channels[topic], part.schema(topic)
             if schema is None or schema.encoding != "protobuf" or channel.message_encoding != "protobuf":
                 encoding = channel.message_encoding or "unknown"
                 raise RecordingError(f"{self.path}: {topic} is not protobuf but {encoding}")
@@ -239,22 +259,77 @@ class Recording:
         self, topics: tuple[str, ...], span: tuple[int, int] | None = None
     ) -> Iterator[tuple[str, NDArray[np.int64], Payloads]]:
         """Topic, log times and payloads of the messages, chunk by chunk."""
-        numbers = {topic: self._channels[topic].id for topic in topics}
-        for place in self._container.contents.chunks:
+        last: dict[str, _Block] = {}
+        for number, part in enumerate(self._parts):
+            before, last = last, {}
+            for topic, block in part.blocks(topics, span):
+                fresh = _without(block, before.get(topic)) if number else block
+                last[topic] = block
+                if len(fresh.times):
+                    yield topic, *fresh
+
+
+class _Block(NamedTuple):
+    """Messages of one topic in one chunk."""
+
+    times: NDArray[np.int64]
+    payloads: Payloads
+
+
+class _Part:
+    """One file of a log."""
+
+    def __init__(self, container: Container) -> None:
+        self.container = container
+        self.contents = container.contents
+        self.channels = {channel.topic: channel for channel in self.contents.channels.values()}
+
+    def schema(self, topic: str) -> records.Schema | None:
+        return self.contents.schemas.get(self.channels[topic].schema_id)
+
+    def blocks(self, topics: tuple[str, ...], span: tuple[int, int] | None) -> Iterator[tuple[str, _Block]]:
+        numbers = {topic: self.channels[topic].id for topic in topics if topic in self.channels}
+        for place in self.contents.chunks:
             if span and (place.end_time_ns < span[0] or place.start_time_ns >= span[1]):
                 continue
             if place.index_offsets and place.index_offsets.keys().isdisjoint(numbers.values()):
                 continue
             try:
-                chunk = _Chunk(self._container, place)
+                chunk = _Chunk(self.container, place)
             except RecordingError as error:
                 seconds = (place.end_time_ns - place.start_time_ns) / 1e9
-                warnings.warn(f"{error}; {seconds:g} s are left out", RecordingWarning, stacklevel=5)
+                warnings.warn(f"{error}; {seconds:g} s are left out", RecordingWarning, stacklevel=6)
                 continue
             for topic, number in numbers.items():
                 block = chunk.messages(number, span)
                 if block is not None:
-                    yield topic, *block
+                    yield topic, block
+
+
+def parts_after(path: Path) -> list[Path]:
+    """The files in which a log goes on, in their order: ``NAME.part2.mcap`` and so on."""
+    found = path.parent.glob(f"{glob.escape(path.stem)}.part*{path.suffix}")
+    pattern = re.compile(re.escape(path.stem) + r"\.part([1-9][0-9]*)" + re.escape(path.suffix))
+    numbers = {int(match[1]): one for one in found if (match := pattern.fullmatch(one.name))}
+    return [numbers[number] for number in sorted(numbers)]
+
+
+def _damage(part: _Part, path: Path) -> str:
+    name = part.container.path.name
+    return part.contents.damage if name == path.name else f"{name}: {part.contents.damage}"
+
+
+def _without(block: _Block, before: _Block | None) -> _Block:
+    """The messages of a block that the last one of the part before does not hold as they are."""
+    if before is None or block.times.min() > before.times.max():
+        return block
+    known = {(time, bytes(one)) for time, one in zip(before.times.tolist(), before.payloads, strict=True)}
+    pairs = zip(block.times.tolist(), block.payloads, strict=True)
+    fresh = np.array([(time, bytes(one)) not in known for time, one in pairs])
+    if isinstance(block.payloads, np.ndarray):
+        return _Block(block.times[fresh], block.payloads[fresh])
+    kept = [one for one, is_fresh in zip(block.payloads, fresh, strict=True) if is_fresh]
+    return _Block(block.times[fresh], kept)
 
 
 class _Chunk:
@@ -270,9 +345,7 @@ class _Chunk:
             found = offsets, _headers(self._content, offsets)
         self._offsets, self._headers = found
 
-    def messages(
-        self, channel: int, span: tuple[int, int] | None
-    ) -> tuple[NDArray[np.int64], Payloads] | None:
+    def messages(self, channel: int, span: tuple[int, int] | None) -> _Block | None:
         """Log times and payloads of a channel's messages; None where there is none."""
         chosen = self._headers["channel"] == channel
         times = self._headers["log_time"]
@@ -283,9 +356,10 @@ class _Chunk:
         sizes = self._headers["length"][chosen].astype(np.int64) - (MESSAGE_HEADER.size - 9)
         starts = self._offsets[chosen] + MESSAGE_HEADER.size
         if (sizes == sizes[0]).all():
-            return times[chosen], _rows(self._content, starts, int(sizes[0]))
+            return _Block(times[chosen], _rows(self._content, starts, int(sizes[0])))
         data = self._data
-        return times[chosen], [data[start : start + size] for start, size in zip(starts, sizes, strict=True)]
+        parts = [data[start : start + size] for start, size in zip(starts, sizes, strict=True)]
+        return _Block(times[chosen], parts)
 
 
 def _rows(content: NDArray[np.uint8], starts: NDArray[np.int64], size: int) -> NDArray[np.uint8]:

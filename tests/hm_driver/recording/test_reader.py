@@ -8,7 +8,7 @@ from mcap.writer import CompressionType, Writer
 
 import hm_driver.recording
 from hm_driver.errors import HapticMasterError, RecordingError
-from hm_driver.recording.reader import RecordingWarning
+from hm_driver.recording.reader import Recording, RecordingWarning
 from hm_driver.recording.recovery import recover
 from hm_driver.recording.schemas import (
     DEVICE_CHANNELS,
@@ -52,6 +52,31 @@ def write_log(path, cycles=CYCLES, **options):
 @pytest.fixture(params=Compression)
 def log(tmp_path, request):
     return write_log(tmp_path / "log.mcap", compression=request.param, chunk_bytes=20_000)
+
+
+def test_what_two_parts_both_hold_is_read_once(tmp_path):
+    def write(name, cycles):
+        with LogWriter(tmp_path / name, DEVICE_CHANNELS) as writer:
+            for cycle in cycles:
+                payload = DEVICE_STATE.pack(cycle, cycle, *[0.5 * cycle] * 9)
+                writer.add(DEVICE_STATE_CHANNEL.id, 1000 + cycle, payload)
+                writer.add(EVENTS_CHANNEL.id, 1000 + cycle, EVENT.pack(cycle, 0, 2, "n", "t", []))
+                if cycle % 4 == 3:
+                    writer.end_chunk()
+
+    write("log.mcap", range(12))
+    write("log.part2.mcap", range(9, 20))
+    write("log.part10.mcap", range(20, 22))
+    write("log.part03.mcap", range(90, 92))
+    write("other.part2.mcap", range(90, 92))
+    with Recording(tmp_path / "log.mcap") as log:
+        assert log.columns("/device/state")["sequence"].tolist() == list(range(22))
+        assert log.columns("/events")["sequence"].tolist() == list(range(22))
+        assert log.counts["/device/state"] == 22
+        late = log.columns("/device/state", 15e-9, 21e-9)["sequence"].tolist()
+        assert late == list(range(15, 21))
+    with Recording(tmp_path / "log.part2.mcap") as log:
+        assert log.columns("/device/state")["sequence"].tolist() == list(range(9, 20))
 
 
 def test_columns_are_what_was_written(log):

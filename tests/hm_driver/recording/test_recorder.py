@@ -175,8 +175,7 @@ def test_a_recorder_killed_again_and_again_loses_nothing_of_what_the_ring_held(t
         final = recorder.stop()
     parts = [tmp_path / "log.mcap", *(tmp_path / f"log.part{n}.mcap" for n in range(2, 8))]
     assert final.path == parts[-1]
-    written = [number for part in parts for number in cycles_of(part)]
-    assert sorted(set(written)) == list(range(cycle))
+    assert cycles_of(parts[0]) == list(range(cycle))
 
 
 def test_a_log_goes_on_in_another_part_when_it_has_its_size(tmp_path):
@@ -196,7 +195,11 @@ def test_a_log_goes_on_in_another_part_when_it_has_its_size(tmp_path):
     parts = sorted(tmp_path.glob("log*.mcap"), key=lambda path: path.stat().st_mtime_ns)
     assert len(parts) > 2
     assert (final.messages, final.lost) == (1800, 0)
-    assert [number for part in parts for number in cycles_of(part)] == list(range(600))
+    assert cycles_of(tmp_path / "log.mcap") == list(range(600))
+    with open_log(tmp_path / "log.mcap") as log:
+        assert log.parts == tuple(parts)
+        assert log.counts["/loop/timing"] == 600
+        assert log.metadata["session"] == {"seed": "7"}
     sequences = []
     for number, part in enumerate(parts, start=1):
         with part.open("rb") as file:
