@@ -100,6 +100,8 @@ class RecordingLoad:
     def _write(self, ring: Ring, done: threading.Event) -> None:
         epoch_ns = time.time_ns() - time.monotonic_ns()
         values = (0.1, 0.0, -0.1) * 3
+        self._recorder.status()  # asks; what it tells comes with the next
+        done.wait(0.1)
         written, start = 0, time.monotonic()
         self._began, self._before = start, self._recorder.status().messages
         while not done.wait(0.01):

@@ -19,7 +19,8 @@ from tools.jitter.spread import new_histogram
 WORST = 20
 """Worst events that are kept."""
 BINS = 300
-"""Points of a time series."""
+"""Most points of a time series."""
+_BIN_CYCLES = 40
 _OWN_MISSES = 200
 _HELD_UP = 0.5
 """Share of a period from which on a late canary was held up: no cycle with an exchange fits behind it."""
@@ -276,7 +277,7 @@ class _Course:
 
     def __init__(self, grid: Grid) -> None:
         self._grid = grid
-        self._width = max(1, (grid.end - grid.first + BINS - 1) // BINS)
+        self._width = max(_BIN_CYCLES, (grid.end - grid.first + BINS - 1) // BINS)
         self._bin = 0
         self._values: list[tuple[float, float | None, float | None, float]] = []
         self._missed = 0
