@@ -266,7 +266,6 @@ class Session:
                 if batch is not None:
                     skill.learn(batch)
             if self._observes:
-                is_fit = is_fit and (is_free or C > 0.0)
                 self._observe(Observation(x, y, y_demo, y_robot, C, force, is_fit, self.button,
                                           skill.learner.n_models > 0, dt), events)  # fmt: skip
             if self._insistence.is_possible:

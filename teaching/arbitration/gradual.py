@@ -78,7 +78,7 @@ class ErrorArbitration(Arbitration):
         return min(1.0, max(0.0, (self.error - self.done) / (self.alone - self.done)))
 
     def observe(self, observation: Observation) -> None:
-        """Take a demonstrated tick into the averages; with C = 0 and a coupled handle there is none."""
+        """Take a demonstrated tick into the averages, at any C."""
         error = abs(observation.y_demo - observation.y_robot)
         if not observation.is_demonstrating or not math.isfinite(error):
             return
