@@ -162,7 +162,7 @@ def is_emulator(url: str, world: str | None) -> bool:
         raise ConfigurationError(
             "--world",
             f"{world} tells state {truth.state} at {truth.position} m, the device at {url} tells "
-            f"{told[0]} at {told[1]} m: they are not one emulator; if the device is a robot, leave --world out",
+            f"{told[0]} at {told[1]} m: they are not one emulator; for a robot, leave --world out",
         )
     return True
 

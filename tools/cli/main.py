@@ -30,6 +30,7 @@ _GROUPS = {
 _COMMANDS = {
     "teach": ("tools.cli.teach:teach", "Teach the arm a task: human and robot share control."),
     "drive": ("tools.cli.drive:drive", "Drive the device by hand: move, hold, effects, record; a prompt."),
+    "check": ("tools.cli.check:check", "Compare a robot with what docs/fidelity.md says about it."),
     "emulate": ("tools.cli.emulate:emulate", "Be a HapticMASTER on a TCP port."),
     "report": ("tools.cli.report:report", "Write the report of a session from its log."),
     "jitter": ("tools.cli.jitter:app", "Measure how punctual the loop is, beside any load."),
