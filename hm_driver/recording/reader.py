@@ -53,6 +53,17 @@ class TopicSummary:
     """Unit of each column that has one."""
 
 
+class Block(NamedTuple):
+    """Messages of one topic in one chunk, n of them."""
+
+    times: NDArray[np.int64]
+    """Log times [ns since the epoch], shape (n,)."""
+    payloads: Payloads
+    """The messages as they stand in the file."""
+    sequences: NDArray[np.uint32]
+    """Their sequence numbers, shape (n,): a gap is a message that was lost."""
+
+
 class Recording:
     """A log with all its parts, open for reading; a context manager.
 
@@ -118,8 +129,8 @@ class Recording:
             channels = self._parts[0].channels
             return {topic: known.get(channel.id, 0) for topic, channel in channels.items()}
         counts = dict.fromkeys(self.topics, 0)
-        for topic, times, _ in self._blocks(self.topics):
-            counts[topic] += len(times)
+        for topic, block in self._blocks(self.topics):
+            counts[topic] += len(block.times)
         return counts
 
     @cached_property
@@ -197,9 +208,9 @@ class Recording:
         requests = {topic: self._names(topic, names) for topic, names in wanted.items()}
         span = self._span(start, end)
         parts: dict[str, list[Columns]] = {topic: [] for topic in requests}
-        for topic, times, payloads in self._blocks(tuple(requests), span):
-            columns = self._decoder(topic).decode(payloads)
-            parts[topic].append({LOG_TIME: times, **{name: columns[name] for name in requests[topic]}})
+        for topic, block in self._blocks(tuple(requests), span):
+            columns = self._decoder(topic).decode(block.payloads)
+            parts[topic].append({LOG_TIME: block.times, **{name: columns[name] for name in requests[topic]}})
         for topic, blocks in parts.items():
             if not blocks:
                 empty = self._decoder(topic).decode([])
@@ -209,6 +220,40 @@ class Recording:
             topic: {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
             for topic, blocks in parts.items()
         }
+
+    def blocks(
+        self, topics: Iterable[str] | None = None, start: float | None = None, end: float | None = None
+    ) -> Iterator[tuple[str, Block]]:
+        """The messages as they stand in the file, chunk by chunk.
+
+        Args:
+            topics: Names of the topics; all where None.
+            start: First time, in seconds from the beginning of the log.
+            end: Time at which to stop, that time not included.
+
+        Raises:
+            RecordingError: if there is no such topic, or the range lies outside the log.
+        """
+        chosen = self.topics if topics is None else tuple(topics)
+        for topic in chosen:
+            self._part_of(topic)
+        return self._blocks(chosen, self._span(start, end))
+
+    def schema(self, topic: str) -> records.Schema | None:
+        """Schema of a topic; None for messages without one.
+
+        Raises:
+            RecordingError: if there is no such topic.
+        """
+        return self._part_of(topic).schema(topic)
+
+    def channel(self, topic: str) -> records.Channel:
+        """Channel of a topic, with the id that it has in the file.
+
+        Raises:
+            RecordingError: if there is no such topic.
+        """
+        return self._part_of(topic).channels[topic]
 
     def _names(self, topic: str, names: Iterable[str] | None) -> tuple[str, ...]:
         there = self._decoder(topic).names
@@ -232,10 +277,7 @@ class Recording:
         self.close()
 
     def _decoder(self, topic: str) -> Decoder:
-        part = next((part for part in self._parts if topic in part.channels), None)
-        if part is None:
-            there = ", ".join(self.topics) or "none"
-            raise RecordingError(f"{self.path} has no channel {topic}; there are: {there}")
+        part = self._part_of(topic)
         if topic not in self._decoders:
             channel, schema = part.channels[topic], part.schema(topic)
             if schema is None or schema.encoding != "protobuf" or channel.message_encoding != "protobuf":
@@ -243,6 +285,14 @@ class Recording:
                 raise RecordingError(f"{self.path}: {topic} is not protobuf but {encoding}")
             self._decoders[topic] = Decoder(schema.name, schema.data)
         return self._decoders[topic]
+
+    def _part_of(self, topic: str) -> "_Part":
+        """The first file that has a topic."""
+        for part in self._parts:
+            if topic in part.channels:
+                return part
+        there = ", ".join(self.topics) or "none"
+        raise RecordingError(f"{self.path} has no channel {topic}; there are: {there}")
 
     def _span(self, start: float | None, end: float | None) -> tuple[int, int] | None:
         if start is None and end is None:
@@ -257,23 +307,16 @@ class Recording:
 
     def _blocks(
         self, topics: tuple[str, ...], span: tuple[int, int] | None = None
-    ) -> Iterator[tuple[str, NDArray[np.int64], Payloads]]:
-        """Topic, log times and payloads of the messages, chunk by chunk."""
-        last: dict[str, _Block] = {}
+    ) -> Iterator[tuple[str, Block]]:
+        """Topic and messages, chunk by chunk."""
+        last: dict[str, Block] = {}
         for number, part in enumerate(self._parts):
             before, last = last, {}
             for topic, block in part.blocks(topics, span):
                 fresh = _without(block, before.get(topic)) if number else block
                 last[topic] = block
                 if len(fresh.times):
-                    yield topic, *fresh
-
-
-class _Block(NamedTuple):
-    """Messages of one topic in one chunk."""
-
-    times: NDArray[np.int64]
-    payloads: Payloads
+                    yield topic, fresh
 
 
 class _Part:
@@ -287,7 +330,7 @@ class _Part:
     def schema(self, topic: str) -> records.Schema | None:
         return self.contents.schemas.get(self.channels[topic].schema_id)
 
-    def blocks(self, topics: tuple[str, ...], span: tuple[int, int] | None) -> Iterator[tuple[str, _Block]]:
+    def blocks(self, topics: tuple[str, ...], span: tuple[int, int] | None) -> Iterator[tuple[str, Block]]:
         numbers = {topic: self.channels[topic].id for topic in topics if topic in self.channels}
         for place in self.contents.chunks:
             if span and (place.end_time_ns < span[0] or place.start_time_ns >= span[1]):
@@ -319,7 +362,7 @@ def _damage(part: _Part, path: Path) -> str:
     return part.contents.damage if name == path.name else f"{name}: {part.contents.damage}"
 
 
-def _without(block: _Block, before: _Block | None) -> _Block:
+def _without(block: Block, before: Block | None) -> Block:
     """The messages of a block that the last one of the part before does not hold as they are."""
     if before is None or block.times.min() > before.times.max():
         return block
@@ -327,9 +370,9 @@ def _without(block: _Block, before: _Block | None) -> _Block:
     pairs = zip(block.times.tolist(), block.payloads, strict=True)
     fresh = np.array([(time, bytes(one)) not in known for time, one in pairs])
     if isinstance(block.payloads, np.ndarray):
-        return _Block(block.times[fresh], block.payloads[fresh])
+        return Block(block.times[fresh], block.payloads[fresh], block.sequences[fresh])
     kept = [one for one, is_fresh in zip(block.payloads, fresh, strict=True) if is_fresh]
-    return _Block(block.times[fresh], kept)
+    return Block(block.times[fresh], kept, block.sequences[fresh])
 
 
 class _Chunk:
@@ -345,10 +388,10 @@ class _Chunk:
             found = offsets, _headers(self._content, offsets)
         self._offsets, self._headers = found
 
-    def messages(self, channel: int, span: tuple[int, int] | None) -> _Block | None:
+    def messages(self, channel: int, span: tuple[int, int] | None) -> Block | None:
         """Log times and payloads of a channel's messages; None where there is none."""
         chosen = self._headers["channel"] == channel
-        times = self._headers["log_time"]
+        times, sequences = self._headers["log_time"], self._headers["sequence"]
         if span:
             chosen &= (times >= span[0]) & (times < span[1])
         if not chosen.any():
@@ -356,10 +399,11 @@ class _Chunk:
         sizes = self._headers["length"][chosen].astype(np.int64) - (MESSAGE_HEADER.size - 9)
         starts = self._offsets[chosen] + MESSAGE_HEADER.size
         if (sizes == sizes[0]).all():
-            return _Block(times[chosen], _rows(self._content, starts, int(sizes[0])))
+            rows = _rows(self._content, starts, int(sizes[0]))
+            return Block(times[chosen], rows, sequences[chosen])
         data = self._data
         parts = [data[start : start + size] for start, size in zip(starts, sizes, strict=True)]
-        return _Block(times[chosen], parts)
+        return Block(times[chosen], parts, sequences[chosen])
 
 
 def _rows(content: NDArray[np.uint8], starts: NDArray[np.int64], size: int) -> NDArray[np.uint8]:
