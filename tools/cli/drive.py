@@ -9,13 +9,15 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 from cyclopts import Parameter
 
 from tools.cli.console import tell, write
 
 if TYPE_CHECKING:
+    from hm_driver.geometry import ArmGeometry
+    from tools.check.first_run import Approach
     from tools.drive.options import DriveOptions
     from tools.drive.session import Drive
     from tools.drive.surface import Context
@@ -25,6 +27,15 @@ _HELP_FLAGS = frozenset({"--help", "-h"})
 _PATIENT = {"missed_s": 0.0, "freeze_s": 2.0, "heartbeat_s": 2.0, "exchange_timeout_s": 2.0}
 
 
+class Place(NamedTuple):
+    """What is driven."""
+
+    device: str | None
+    world: str | None
+    yes: bool
+    """Whether the first run on a robot was confirmed on the command line."""
+
+
 def drive(
     *words: Annotated[str, Parameter(allow_leading_hyphen=True)],
     device: str | None = None,
@@ -32,6 +43,8 @@ def drive(
     record: Path | None = None,
     config: Path | None = None,
     set_: Annotated[list[str] | None, Parameter(name="--set", negative="")] = None,
+    world: str | None = None,
+    yes_real_robot: Annotated[bool, _SWITCH] = False,
 ) -> int:
     """Drive the device: show its state, move it, hold it, let effects act on it, record.
 
@@ -50,6 +63,9 @@ def drive(
         record: Record all of it into this log (MCAP).
         config: TOML file with the tables motion, modes, limits, timing, watch.
         set_: A value over the file's, as in motion.speed=0.05; may be given again.
+        world: World endpoint of the emulator at --device, the second line that hm emulate prints. Without it
+            the device is taken for a robot, whose first run is confirmed, slow and weak.
+        yes_real_robot: Confirm that first run without being asked.
     """
     from tools.cli.failures import ExitCode
     from tools.drive import language
@@ -69,7 +85,8 @@ def drive(
         for line in lines:
             carry_out(context, line)
         return ExitCode.OK
-    with _ending_at_once(), _opened(context, device, options, record):
+    place = Place(device=device, world=world, yes=yes_real_robot)
+    with _ending_at_once(), _opened(context, place, options, record):
         try:
             if not lines:
                 _talk(context)
@@ -122,12 +139,13 @@ def _options(config: Path | None, overrides: list[str], control: str | None) -> 
 
 @contextlib.contextmanager
 def _opened(
-    context: "Context", device: str | None, options: "DriveOptions", record: Path | None
+    context: "Context", place: Place, options: "DriveOptions", record: Path | None
 ) -> Iterator["Drive"]:
     """A device, or an emulator of our own, and a drive of it."""
     from tools.drive.log import DriveLog
     from tools.drive.session import Drive
 
+    device = place.device
     with contextlib.ExitStack() as stack:
         if device is None:
             from emulator.process import Emulator
@@ -139,10 +157,43 @@ def _opened(
         log = stack.enter_context(DriveLog(device, options))
         if record is not None:
             log.start(record)
-        driver = Drive(device, options, log, tell=context.console.tell)
+        approach = _Approaching(context, place)
+        driver = Drive(device, options, log, tell=context.console.tell, approach=approach)
         driver.on_progress = lambda: context.console.draw(lambda: driver.status().line())
         context.opened = stack.enter_context(driver)
         yield driver
+    if driver.has_driven and not driver.has_failed:
+        approach.completed()
+
+
+class _Approaching:
+    """Asks, before anything is commanded, whether a device that may be a robot shall be driven."""
+
+    def __init__(self, context: "Context", place: Place) -> None:
+        self._context = context
+        self._place = place
+        self._approach: Approach | None = None
+
+    def __call__(self, options: "DriveOptions", geometry: "ArmGeometry") -> "DriveOptions":
+        """The configuration to go on with."""
+        from tools.cli.approach import approach_at_terminal
+        from tools.drive.words import build_words
+
+        place = self._place
+        if place.device is None:
+            return options
+        self._approach = approach_at_terminal(place.device, world=place.world, yes=place.yes)
+        modes, limits = self._approach.reduce(options.modes, options.limits, geometry)
+        reduced = replace(
+            options, motion=options.motion.below(limits.reference_speed), modes=modes, limits=limits
+        )
+        self._context.words = build_words(reduced)
+        return reduced
+
+    def completed(self) -> None:
+        """Remember that a first run has ended in order."""
+        if self._approach is not None:
+            self._approach.completed()
 
 
 def _talk(context: "Context") -> None:

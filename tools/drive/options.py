@@ -1,6 +1,7 @@
 """The configuration of a drive: how fast it moves, and what the loop below it is told."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 from hm_driver.errors import ConfigurationError
 from hm_driver.realtime.modes import LimitOptions, ModeOptions
@@ -42,6 +43,11 @@ class MotionOptions:
             raise ConfigurationError(
                 "speed", f"{self.speed:g} is outside 0.001 to speed_max = {self.speed_max:g} m/s"
             )
+
+    def below(self, speed_max: float) -> Self:
+        """The same with no speed above a limit [m/s]."""
+        highest = min(self.speed_max, speed_max)
+        return replace(self, speed=min(self.speed, highest), speed_max=highest)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

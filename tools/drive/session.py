@@ -75,6 +75,8 @@ class Drive:
         options: The configuration.
         log: Where recordings go.
         tell: Is handed what a person should know meanwhile.
+        approach: Called once, before anything is commanded, with the configuration and the arm's reach; it
+            returns what to go on with, as slow as a first run has to be, or raises where nobody agrees.
     """
 
     def __init__(
@@ -84,6 +86,7 @@ class Drive:
         log: DriveLog,
         *,
         tell: Callable[[str], None],
+        approach: Callable[[DriveOptions, ArmGeometry], DriveOptions] = lambda options, _geometry: options,
     ) -> None:
         self.url = url
         self.options = options
@@ -93,7 +96,13 @@ class Drive:
         """Called about 20 times a second while a motion is waited for."""
         self.on_failure: Callable[[HapticMasterError], None] = lambda _error: None
         """Called from another thread with what ended the loop, as soon as that happens."""
+        self.has_driven = False
+        """Whether a loop drove the arm."""
+        self.has_failed = False
+        """Whether one ended otherwise than in order."""
         self._tell = tell
+        self._approach = approach
+        self._is_approached = False
         self._arm: HapticMaster | None = None
         self._loop: LoopProcess | None = None
         self._pilot: Pilot | None = None
@@ -185,6 +194,7 @@ class Drive:
         if self._pilot is None or self._pilot.failure is None:
             return None
         failure = self._pilot.failure
+        self.has_failed = True
         self._clear_loop()
         self.effects.disable_all()
         with contextlib.suppress(HapticMasterError):  # the failure itself is what is told
@@ -202,8 +212,8 @@ class Drive:
             raise failure
         if self._pilot is not None:
             return self._pilot
+        self._begin_commanding()
         options = self._loop_options(self.options, self._loop_state)
-        self._has_commanded = True
         if not self.arm.is_position_calibrated():
             self._tell("the arm initialises: it moves by itself, keep your hands off")
         loop = LoopProcess(options)
@@ -213,6 +223,7 @@ class Drive:
             pilot = Pilot(loop, brake_time=self.options.motion.brake_time, on_failure=self.on_failure)
             self._loop, self._pilot = loop, pilot
             pilot.start()
+            self.has_driven = True
         except BaseException:
             self._loop = self._pilot = None
             loop.close()
@@ -240,8 +251,8 @@ class Drive:
                 self._change(self.options, state)
                 self.ensure_loop()
             return
+        self._begin_commanding()
         self.stop()
-        self._require_unclaimed()
         try:
             if state is State.INIT:
                 self.arm.initialise(timeout_s=self.options.init_timeout_s)
@@ -259,10 +270,9 @@ class Drive:
 
     def set_inertia(self, mass: float) -> None:
         """Set the virtual mass [kg], of the loop and of the device."""
+        self._begin_commanding()
         self.configure(replace(self.options, modes=replace(self.options.modes, inertia=mass)))
         if not self.is_driving:
-            self._require_unclaimed()
-            self._has_commanded = True
             self.arm.inertia = mass
 
     def set_control(self, control: PositionControl) -> None:
@@ -307,13 +317,15 @@ class Drive:
         """Refuse a goal [m] out of reach, before anything moves; raises `ConfigurationError`."""
         check_point(field, goal, self.geometry)
 
-    def go(self, field: str, goal: Vector, *, speed: float, axes: Iterable[int] = ALL_AXES) -> Arrival:
+    def go(
+        self, field: str, goal: Vector, *, speed: float | None = None, axes: Iterable[int] = ALL_AXES
+    ) -> Arrival:
         """Lead the arm straight to a goal and wait until it is there.
 
         Args:
             field: What to call it in an error.
             goal: Where to [m]; along other axes than `axes` it says where they are.
-            speed: Largest speed [m/s].
+            speed: Largest speed [m/s]; None for the configured one.
             axes: The axes that are led.
 
         Raises:
@@ -324,8 +336,13 @@ class Drive:
         """
         self.check_goal(field, goal)
         pilot = self.ensure_loop()
+        motion = self.options.motion
+        if speed is not None and speed > motion.speed_max:
+            raise ConfigurationError(
+                f"{field} --speed", f"{speed:g} m/s is above {motion.speed_max:g} m/s, the limit of this run"
+            )
         move = StraightMove.within(
-            self.place(), goal, speed=speed, acceleration=self.options.motion.acceleration
+            self.place(), goal, speed=speed or motion.speed, acceleration=motion.acceleration
         )
         check_path(field, move, self.geometry)
         peak = joint_peak(move, self.geometry, self.options.limits)
@@ -369,9 +386,7 @@ class Drive:
                     if read_command(text) is None:
                         error.add_note(self._explain(text))
                     raise error
-            else:
-                self._require_unclaimed()
-            self._has_commanded = True
+            self._begin_commanding()
         command = read_command(text)
         if command is not None:
             self.effects.check_step(command, self.handle, self.options.modes.position_force_max)
@@ -436,6 +451,7 @@ class Drive:
         if loop is None or pilot is None:
             return
         try:
+            self.has_failed |= pilot.failure is not None
             if pilot.failure is None:
                 loop.request_stop()
                 loop.wait(_STOP_PATIENCE_S)
@@ -464,11 +480,20 @@ class Drive:
             else:
                 self.arm.command(command.encode())
 
-    def _require_unclaimed(self) -> None:
-        """Refuse to command a device that another program of this machine drives."""
+    def _begin_commanding(self) -> None:
+        """Make sure that this drive may command the device; before each command, cheap while a loop drives.
+
+        Raises:
+            ConfigurationError: Nobody agrees to drive a robot for the first time.
+            LoopError: Another program of this machine drives the device.
+        """
+        if not self._is_approached:
+            self.options = self._approach(self.options, self.geometry)
+            self._is_approached = True
         if self._loop is None:
             with DeviceClaim(self.url):
                 pass
+        self._has_commanded = True
 
     def _go_home(self) -> None:
         self.arm.set_state(State.HOME)

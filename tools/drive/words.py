@@ -250,15 +250,13 @@ def _jog(context: Context, call: Call) -> None:
     x, y, z = (
         place + (call.number("DISTANCE") if i == axis else 0.0) for i, place in enumerate(drive.place())
     )
-    speed = call.number("--speed", drive.options.motion.speed)
-    _show_arrival(context, drive.go("jog", (x, y, z), speed=speed, axes=(axis,)))
+    _show_arrival(context, drive.go("jog", (x, y, z), speed=_speed(call), axes=(axis,)))
 
 
 def _goto(context: Context, call: Call) -> None:
     drive = context.drive
     goal = (call.number("X"), call.number("Y"), call.number("Z"))
-    speed = call.number("--speed", drive.options.motion.speed)
-    _show_arrival(context, drive.go("goto", goal, speed=speed))
+    _show_arrival(context, drive.go("goto", goal, speed=_speed(call)))
 
 
 def _run_file(context: Context, call: Call) -> None:
@@ -270,8 +268,7 @@ def _run_file(context: Context, call: Call) -> None:
         context.console.write(f"{what}; the arm can follow it")
         return
     context.console.tell(f"{what}; going to its start")
-    speed = call.number("--speed", drive.options.motion.speed)
-    drive.go("run", trajectory.positions[0], speed=speed)
+    drive.go("run", trajectory.positions[0], speed=_speed(call))
     arrival = drive.follow(trajectory)
     tracking = arrival.tracking
     if call.has("--json"):
@@ -298,6 +295,10 @@ def _run_file(context: Context, call: Call) -> None:
             f"run --within: the arm was {1e3 * tracking.max_m:.2f} mm off after {tracking.max_at_s:.2f} s; "
             f"allowed were {1e3 * allowed:g} mm. Slow the trajectory down, or allow more"
         )
+
+
+def _speed(call: Call) -> float | None:
+    return call.number("--speed") if call.has("--speed") else None
 
 
 def _show_arrival(context: Context, arrival: Arrival) -> None:

@@ -1,0 +1,170 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+import hm_driver.recording
+from hm_driver.protocol.vocabulary import State
+
+HM = [sys.executable, "-m", "tools.cli.main", "drive"]
+PATIENT = ["missed_s=0", "freeze_s=2", "heartbeat_s=2", "exchange_timeout_s=2"]
+
+
+@pytest.fixture
+def hm(emulator):
+    """A function that runs ``hm drive`` on the emulator to its end."""
+
+    def run(*words, lines=None, device=emulator.url):
+        command = [*HM, *words, *(["--device", device, "--world", emulator.world_url] if device else [])]
+        for setting in PATIENT:
+            command += ["--set", f"watch.{setting}"]
+        return subprocess.run(
+            command,
+            input=lines,
+            stdin=subprocess.DEVNULL if lines is None else None,
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["goto", "1", "2"], "goto: Z is missing"),
+        (["jog", "x", "0.1", "--speed", "7"], "jog --speed: 7 m/s is out of range: 0.001 to 0.25 m/s"),
+        (["levitate"], "levitate: unknown word"),
+        (["hold", "--set", "motion.speed=3"], "speed: 3 is outside 0.001 to speed_max"),
+        (["hold", "--device", "nonsense"], "'nonsense' is no URL"),
+    ],
+)
+def test_a_wrong_command_line_starts_nothing(hm, words, told):
+    began = time.monotonic()
+    outcome = hm(*words, device=None)
+    assert outcome.returncode == 2
+    assert told in outcome.stderr
+    assert "emulator" not in outcome.stderr
+    assert "Traceback" not in outcome.stderr
+    assert time.monotonic() - began < 20.0
+
+
+def test_help_needs_no_device(hm):
+    assert "X" in hm("goto", "--help", device=None).stdout
+    assert "goto X Y Z" in hm("--help", device=None).stdout
+
+
+def test_one_command_moves_the_arm_and_leaves_it_stopped(hm, observer):
+    outcome = hm("goto", "0.01", "-0.02", "0.01", "--speed", "0.2")
+    assert outcome.returncode == 0, outcome.stderr
+    assert "mm from the goal" in outcome.stdout
+    assert observer.state is State.STOP
+    assert observer.measured_position() == pytest.approx((0.01, -0.02, 0.01), abs=0.003)
+
+
+def test_the_state_is_told_as_json_without_commanding_anything(hm, observer):
+    observer.set_state(State.OFF)
+    told = json.loads(hm("state", "--once", "--json").stdout)
+    assert told["state"] == "off"
+    assert told["mode"] is None
+    assert len(told["position_m"]) == 3
+    assert observer.state is State.OFF
+
+
+def test_an_own_emulator_is_started_without_a_device(hm):
+    outcome = hm("get", "state", device=None)
+    assert outcome.stdout == "off\n"
+
+
+def test_lines_from_a_pipe_end_at_the_first_failure_with_its_exit_code(hm, observer, tmp_path):
+    log = tmp_path / "drive.mcap"
+    outcome = hm(
+        "--record",
+        str(log),
+        lines="# to a point\nhold\njog z 0.01; state --once --json\nset nothing\ngoto 0 0 0\n",
+    )
+    assert outcome.returncode == 2
+    assert "line 4: set nothing; nothing behind it was carried out" in outcome.stderr
+    state = json.loads(next(line for line in outcome.stdout.splitlines() if line.startswith("{")))
+    assert state["mode"] == {"x": "position", "y": "position", "z": "position"}
+    assert state["recording"] == str(log)
+    assert 500.0 < state["rate_hz"] <= 1010.0
+    assert observer.state is State.STOP
+    with hm_driver.recording.open(log) as recording:
+        assert not recording.damage
+        assert recording.counts["/events"] == 4
+
+
+def test_a_device_that_refuses_gives_exit_code_3_and_says_why(hm):
+    outcome = hm("get", "measpoz")
+    assert outcome.returncode == 3
+    assert "did you mean measpos" in outcome.stderr
+
+
+def test_a_trajectory_is_checked_run_and_judged(hm, tmp_path):
+    path = tmp_path / "line.csv"
+    path.write_text("time_s,x,y,z\n0,0,0,0\n0.5,0.02,0,0\n1,0,0,0\n")
+    assert "3 points, 1.00 s; the arm can follow it" in hm("run", str(path), "--check").stdout
+    outcome = hm("run", str(path), "--within", "0.00002", "--json", "--speed", "0.2")
+    summary = json.loads(outcome.stdout)
+    assert outcome.returncode == 1
+    assert "allowed were 0.02 mm" in outcome.stderr
+    assert 0.00002 < summary["error_max_m"] < 0.003
+    path.write_text("time_s,x,y,z\n0,0,0,0\n0.5,0.9,0,0\n")
+    assert hm("run", str(path)).returncode == 2
+
+
+def test_what_may_be_a_robot_is_asked_freely_and_commanded_only_when_confirmed(emulator, tmp_path, observer):
+    observer.set_state(State.OFF)
+
+    def run(*words):
+        return subprocess.run(
+            [*HM, *words, "--device", emulator.url, "--set", "watch.heartbeat_s=2"],
+            capture_output=True,
+            stdin=subprocess.DEVNULL,
+            text=True,
+            timeout=60,
+            check=False,
+            env=os.environ | {"XDG_STATE_HOME": str(tmp_path)},
+        )
+
+    assert run("get", "os").stdout == "Linux\n"
+    refused = run("goto", "0", "0", "0")
+    assert refused.returncode == 2
+    assert "nobody confirmed its first run: --yes-real-robot" in refused.stderr
+    assert observer.state is State.OFF
+    slow = run("goto", "0", "0", "0", "--speed", "0.2", "--yes-real-robot")
+    assert slow.returncode == 2
+    assert "goto --speed: 0.2 m/s is above 0.05 m/s, the limit of this run" in slow.stderr
+    assert observer.state is State.STOP
+
+
+def test_a_signal_ends_a_hold_with_the_arm_stopped(emulator, observer):
+    process = subprocess.Popen(
+        [
+            *HM,
+            "hold",
+            "--device",
+            emulator.url,
+            "--world",
+            emulator.world_url,
+            "--set",
+            "watch.heartbeat_s=2",
+        ],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout.readline() == "x y z held\n"
+    assert observer.state is State.FORCE
+    process.send_signal(signal.SIGTERM)
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "Traceback" not in errors
+    assert observer.state is State.STOP
