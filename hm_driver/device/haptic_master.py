@@ -21,6 +21,7 @@ from hm_driver.device.link import CommandLink, connect_link
 from hm_driver.errors import DeviceFault, HapticMasterError, ProtocolError, TransportError
 from hm_driver.geometry import ArmGeometry
 from hm_driver.protocol import commands
+from hm_driver.protocol.framing import Dialect
 from hm_driver.protocol.replies import parse_bool, parse_number, parse_vector, parse_word
 from hm_driver.protocol.vocabulary import State, Value, Vector, check_name
 
@@ -70,6 +71,11 @@ class HapticMaster:
             _log.exception("%s: the arm could not be stopped; push the emergency button", self.link.url)
         finally:
             self.close()
+
+    @property
+    def dialect(self) -> Dialect:
+        """The dialect that the device speaks, as named or as found; also told in the log at level info."""
+        return self.link.dialect
 
     def close(self) -> None:
         """Close the connection and send nothing; closing again does nothing."""

@@ -2,7 +2,10 @@
 
 A law is a class without constructor arguments and with ``step(state, command, dt)``: it gets the newest
 `LoopState`, the application's `SetPoint` and the true dt [s], and returns the `SetPoint` that the modes and
-limits then work on. It is imported in the loop's process, so it has to live without numpy and its like.
+limits then work on. It is asked in every cycle, so its targets are taken as they stand; those of an
+application, which come less often, are interpolated. It is imported in the loop's process, so it has to live
+without numpy and its like. Before the arm moves, an instance is tried with a state of zeros; the loop gets a
+fresh one.
 
 Example:
     >>> class Follow:
@@ -19,6 +22,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from hm_driver.errors import ConfigurationError
+from hm_driver.realtime.cycle import U_SEQUENCE
 from hm_driver.realtime.setpoint import LoopState, SetPoint
 
 REFUSED_IMPORTS = ("numpy", "numba", "scipy", "matplotlib", "pandas", "torch")
@@ -46,13 +50,14 @@ class LawRunner:
         budget_ns: Longest time a step may take [ns]; three longer ones in a row are a problem.
     """
 
-    __slots__ = ("_budget_ns", "_law", "_name", "_slow")
+    __slots__ = ("_budget_ns", "_law", "_name", "_slow", "_steps")
 
     def __init__(self, law: ControlLaw, *, name: str, budget_ns: int) -> None:
         self._law = law
         self._name = name
         self._budget_ns = budget_ns
         self._slow = 0
+        self._steps = 0
 
     def step(self, state: LoopState, command: Sequence[float], dt: float) -> tuple[list[float], str]:
         """Run the law once; returns its set-point, and what is wrong with it or an empty text."""
@@ -64,6 +69,8 @@ class LawRunner:
         taken_ns = time.monotonic_ns() - start_ns
         if len(values) != len(SetPoint._fields) or not all(map(math.isfinite, values)):
             return [], f"the law {self._name} returned {values}, not a SetPoint of finite numbers"
+        self._steps += 1
+        values[U_SEQUENCE] = float(self._steps)
         self._slow = self._slow + 1 if taken_ns > self._budget_ns else 0
         if self._slow > 2 or taken_ns > 20 * self._budget_ns:
             limit_us = self._budget_ns * 1e-3
@@ -109,7 +116,8 @@ def _load(path: str, period_ns: int) -> LawRunner:
         raise ConfigurationError("law", f"{path!r} is not module:Class")
     before = set(sys.modules)
     try:
-        law = getattr(importlib.import_module(module_name), class_name)()
+        make = getattr(importlib.import_module(module_name), class_name)
+        law = make()
     except (Exception, SystemExit) as error:  # whatever the module raises is the reason for the refusal
         raise ConfigurationError(
             "law", f"{path} cannot be loaded: {type(error).__name__}: {error}"
@@ -129,4 +137,4 @@ def _load(path: str, period_ns: int) -> LawRunner:
         _, problem = runner.step(LoopState(), SetPoint(), period_ns * 1e-9)
         if problem:
             raise ConfigurationError("law", f"dry run: {problem}")
-    return runner
+    return LawRunner(make(), name=path, budget_ns=period_ns // 3)

@@ -118,8 +118,9 @@ class LoopOptions:
         _check_range(self, "connect_timeout_s", 0.01, 60.0, "s")
 
     def parameters(self) -> list[float]:
-        """Flat parameters of the cycle function."""
-        return cycle_parameters(self.modes, self.limits, self.geometry, tick_s=self.tick_s)
+        """Flat parameters of the cycle function; a law, asked in every cycle, needs no interpolation."""
+        tick_s = 1.0 / self.timing.rate_hz if self.law else self.tick_s
+        return cycle_parameters(self.modes, self.limits, self.geometry, tick_s=tick_s)
 
 
 def ramp_down_parameters(parameters: list[float], ramp_s: float) -> list[float]:

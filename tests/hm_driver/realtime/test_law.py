@@ -31,7 +31,16 @@ def test_a_law_is_loaded_and_run(module):
     )
     set_point, problem = load_law(path, period_ns=MS).step(LoopState(), SetPoint(target_z=0.5), 0.001)
     assert problem == ""
-    assert SetPoint(*set_point) == SetPoint(target_z=0.5, bias_x=1.0)
+    assert SetPoint(*set_point) == SetPoint(sequence=1.0, target_z=0.5, bias_x=1.0)
+
+
+def test_the_loop_gets_a_law_that_its_dry_run_has_not_touched(module):
+    text = (
+        "class Law:\n    steps = 0\n    def step(self, state, command, dt):\n"
+        "        self.steps += 1\n        return command._replace(bias_x=float(self.steps))\n"
+    )
+    runner = load_law(module("users_counts", text), period_ns=MS)
+    assert [runner.step(LoopState(), SetPoint(), 0.001)[0][11] for _ in range(2)] == [1.0, 2.0]
 
 
 MANY = "import sys, types\nsys.modules.update({f'users_{k}': types.ModuleType('m') for k in range(210)})"
