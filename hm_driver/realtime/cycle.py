@@ -127,7 +127,10 @@ def follow(
     moving = damping * velocity + stiffness * dt * handle_velocity
     low, high = (moving - force_step) / inertia, (moving + force_step) / inertia
     if stiffness * abs(velocity) * dt <= force_step:
-        low, high = min(low, velocity), max(high, velocity)
+        if velocity < low:
+            low = velocity
+        if velocity > high:
+            high = velocity
     return clamp(clamp(wanted, low, high), -speed_max, speed_max)
 
 
@@ -142,7 +145,7 @@ def step_spring(
     m: Floats,
     dt: float,
 ) -> float:
-    """Move one spring by a cycle and return its commanded force [N].
+    """Move a spring that is wanted or not yet released by a cycle, and return its commanded force [N].
 
     Args:
         s: State, changed in place.
@@ -156,20 +159,16 @@ def step_spring(
         dt: True duration of the cycle [s].
     """
     base = spring * SPRING_STRIDE
-    phase = s[base + PHASE]
     position = m[M_POSITION + axis]
     handle_velocity = m[M_VELOCITY + axis]
-    if phase == ADMITTANCE:
-        if not engage:
-            s[base + REFERENCE] = position
-            s[base + VELOCITY] = 0.0
-            return 0.0
+    if s[base + PHASE] == ADMITTANCE:
         s[base + REFERENCE] = position
         s[base + VELOCITY] = clamp(handle_velocity, -p[P_SPEED_MAX], p[P_SPEED_MAX])
         s[base + CAP] = 0.0
-    stiffness = p[P_SPRING + spring * P_STRIDE + STIFFNESS]
-    damping = p[P_SPRING + spring * P_STRIDE + DAMPING]
-    rate = p[P_ASSIST_RATE] if spring == ASSIST else p[P_FORCE_RATE]
+    kind = P_SPRING + spring * P_STRIDE
+    stiffness = p[kind + STIFFNESS]
+    damping = p[kind + DAMPING]
+    force_step = (p[P_ASSIST_RATE] if spring == ASSIST else p[P_FORCE_RATE]) * dt
     reference = s[base + REFERENCE]
     gap = target - reference if engage else 0.0
     wanted_velocity = target_velocity if engage else 0.0
@@ -180,7 +179,7 @@ def step_spring(
         handle_velocity,
         stiffness,
         damping,
-        rate * dt,
+        force_step,
         p[P_SPEED_MAX],
         p[P_FOLLOW],
         dt,
@@ -191,9 +190,11 @@ def step_spring(
     raw = stiffness * (reference - position) + damping * (velocity - handle_velocity)
     if engage:
         s[base + PHASE] = POSITION
-        cap = min(s[base + CAP] + rate * dt, p[P_SPRING + spring * P_STRIDE + FORCE_MAX])
+        cap = s[base + CAP] + force_step
+        if cap > p[kind + FORCE_MAX]:
+            cap = p[kind + FORCE_MAX]
     else:
-        cap = min(s[base + CAP], abs(s[S_FORCE + spring])) - rate * dt
+        cap = min(s[base + CAP], abs(s[S_FORCE + spring])) - force_step
         s[base + PHASE] = RELEASING
         if cap <= 0.0:
             s[base + PHASE] = ADMITTANCE
@@ -211,6 +212,9 @@ def step_assist(s: Floats, p: Floats, engage: bool, m: Floats, dt: float) -> flo
     position = m[M_POSITION + 2]
     if s[base + PHASE] == ADMITTANCE:
         s[base + REFERENCE] = position
+        if not engage:
+            s[base + VELOCITY] = 0.0
+            return 0.0
     slip = (position - s[base + REFERENCE]) / p[P_ASSIST_TIME]
     return step_spring(s, p, ASSIST, 2, engage, s[base + REFERENCE], slip, m, dt)
 
@@ -221,15 +225,18 @@ def check(s: Floats, p: Floats, m: Floats) -> int:
     Returns:
         ``OK`` or the trip. Cycles with a joint within 2 % of its velocity limit are counted in the state.
     """
-    for i in range(MEASUREMENT_SIZE):
-        if not math.isfinite(m[i]):
-            return TRIP_DATA
-    x = p[P_R0] + m[M_POSITION]
-    y = m[M_POSITION + 1]
+    forward, y, z = m[M_POSITION], m[M_POSITION + 1], m[M_POSITION + 2]
+    vx, vy, vz = m[M_VELOCITY], m[M_VELOCITY + 1], m[M_VELOCITY + 2]
+    fx, fy, fz = m[M_FORCE], m[M_FORCE + 1], m[M_FORCE + 2]
+    total = forward + y + z + vx + vy + vz + fx + fy + fz
+    if total - total != 0.0:  # one of them is not finite, or their sum is beyond every number
+        for i in range(MEASUREMENT_SIZE):
+            if not math.isfinite(m[i]):
+                return TRIP_DATA
+    x = p[P_R0] + forward
     radius = math.sqrt(x * x + y * y)
     phi = math.atan2(y, x)
     r = radius - p[P_R0]
-    z = m[M_POSITION + 2]
     if not (
         p[P_JOINT] <= r <= p[P_JOINT + 1]
         and p[P_JOINT + 2] <= phi <= p[P_JOINT + 3]
@@ -237,17 +244,17 @@ def check(s: Floats, p: Floats, m: Floats) -> int:
     ):
         return TRIP_WORKSPACE
     cosine, sine = x / radius, y / radius
-    vx, vy = m[M_VELOCITY], m[M_VELOCITY + 1]
-    share = max(
-        abs(cosine * vx + sine * vy) / p[P_JOINT_SPEED],
-        abs(cosine * vy - sine * vx) / (radius * p[P_JOINT_SPEED + 1]),
-        abs(m[M_VELOCITY + 2]) / p[P_JOINT_SPEED + 2],
-    )
+    share = abs(cosine * vx + sine * vy) / p[P_JOINT_SPEED]
+    around = abs(cosine * vy - sine * vx) / (radius * p[P_JOINT_SPEED + 1])
+    if around > share:
+        share = around
+    vertical = abs(vz) / p[P_JOINT_SPEED + 2]
+    if vertical > share:
+        share = vertical
     if share > p[P_SPEED_TRIP]:
         return TRIP_VELOCITY
     if share >= 0.98:
         s[S_SATURATED] += 1.0
-    fx, fy, fz = m[M_FORCE], m[M_FORCE + 1], m[M_FORCE + 2]
     if fx * fx + fy * fy + fz * fz > p[P_FORCE_TRIP] * p[P_FORCE_TRIP]:
         return TRIP_FORCE
     return OK
@@ -275,23 +282,34 @@ def cycle(s: Floats, p: Floats, u: Floats, m: Floats, dt: float) -> int:
         for axis in range(AXES):
             s[S_START + axis] = s[S_TARGET + axis]
     s[S_ELAPSED] += dt
-    share = min(1.0, s[S_ELAPSED] / p[P_TICK])
+    share = s[S_ELAPSED] / p[P_TICK]
     late = s[S_ELAPSED] > 2.0 * p[P_TICK]
+    if share > 1.0:
+        share = 1.0
     for axis in range(AXES):
         engage = u[U_ENGAGE + axis] > 0.5
-        if s[axis * SPRING_STRIDE + PHASE] == ADMITTANCE:
-            s[S_START + axis] = m[M_POSITION + axis]
-        target = s[S_START + axis] + share * (u[U_TARGET + axis] - s[S_START + axis])
+        is_idle = s[axis * SPRING_STRIDE + PHASE] == ADMITTANCE
+        position = m[M_POSITION + axis]
+        if is_idle:
+            s[S_START + axis] = position
+        start = s[S_START + axis]
+        target = start + share * (u[U_TARGET + axis] - start)
         s[S_TARGET + axis] = target
-        velocity = 0.0 if late else u[U_VELOCITY + axis]
-        s[S_FORCE + axis] = step_spring(s, p, axis, axis, engage, target, velocity, m, dt)
+        if is_idle and not engage:
+            s[axis * SPRING_STRIDE + REFERENCE] = position
+            s[axis * SPRING_STRIDE + VELOCITY] = 0.0
+            s[S_FORCE + axis] = 0.0
+        else:
+            velocity = 0.0 if late else u[U_VELOCITY + axis]
+            s[S_FORCE + axis] = step_spring(s, p, axis, axis, engage, target, velocity, m, dt)
     s[S_FORCE + ASSIST] = step_assist(s, p, u[U_ASSIST] > 0.5, m, dt)
-    bias_step = p[P_BIAS_RATE] * dt
     is_by_force = p[P_BY_FORCE] > 0.5
     for axis in range(AXES):
-        wanted = clamp(u[U_BIAS + axis], -p[P_BIAS_MAX], p[P_BIAS_MAX])
         bias = s[S_BIAS + axis]
-        bias += clamp(wanted - bias, -bias_step, bias_step)
-        s[S_BIAS + axis] = bias
+        if u[U_BIAS + axis] != bias:
+            step = p[P_BIAS_RATE] * dt
+            wanted = clamp(u[U_BIAS + axis], -p[P_BIAS_MAX], p[P_BIAS_MAX])
+            bias += clamp(wanted - bias, -step, step)
+            s[S_BIAS + axis] = bias
         s[S_PUSH + axis] = bias + s[S_FORCE + axis] if is_by_force else bias
     return trip

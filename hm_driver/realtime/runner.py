@@ -10,7 +10,7 @@ from hm_driver.protocol.framing import Dialect
 from hm_driver.realtime import bring_up
 from hm_driver.realtime.claim import DeviceClaim
 from hm_driver.realtime.clock import WallClock
-from hm_driver.realtime.core import LoopCore
+from hm_driver.realtime.core import LoopCore, folded_cycle
 from hm_driver.realtime.failure import encode_error
 from hm_driver.realtime.grid import Grid, SpinMargin, period_ns_of
 from hm_driver.realtime.law import load_law
@@ -91,6 +91,7 @@ class _Run:
                     trace=trace,
                     law=law,
                     session_state=options.state,
+                    step=folded_cycle(),
                 )
                 self._cycle(core)
             except BaseException:
