@@ -33,6 +33,7 @@ _COMMANDS = {
     "check": ("tools.cli.check:check", "Compare a robot with what docs/fidelity.md says about it."),
     "emulate": ("tools.cli.emulate:emulate", "Be a HapticMASTER on a TCP port."),
     "report": ("tools.cli.report:report", "Write the report of a session from its log."),
+    "doctor": ("tools.cli.doctor:doctor", "Say what this machine allows the loop, and what to change."),
     "jitter": ("tools.cli.jitter:app", "Measure how punctual the loop is, beside any load."),
     "config show": ("tools.cli.config:show", "Print it, with the source of each value."),
     "study run": ("tools.cli.study:run", "Run a study file, or go on with it."),

@@ -113,12 +113,7 @@ class JitterOptions:
     limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self) -> None:
-        if not LOWEST_RATE_HZ <= self.rate_hz <= HIGHEST_RATE_HZ:
-            raise ConfigurationError(
-                "--rate",
-                f"{self.rate_hz:g} Hz is outside {LOWEST_RATE_HZ:g} to {HIGHEST_RATE_HZ:g} Hz, "
-                "what the loop can run; 1000 is usual",
-            )
+        check_rate(self.rate_hz)
         if not SHORTEST_S <= self.duration_s <= LONGEST_S:
             raise ConfigurationError(
                 "--duration",
@@ -130,6 +125,20 @@ class JitterOptions:
             raise ConfigurationError(
                 "--loop", "thread is judged as it is: leave --inject and --unprivileged out"
             )
+
+
+def check_rate(rate_hz: float) -> None:
+    """Refuse a rate that the loop does not run.
+
+    Raises:
+        ConfigurationError: It is outside 100 to 2500 Hz.
+    """
+    if not LOWEST_RATE_HZ <= rate_hz <= HIGHEST_RATE_HZ:
+        raise ConfigurationError(
+            "--rate",
+            f"{rate_hz:g} Hz is outside {LOWEST_RATE_HZ:g} to {HIGHEST_RATE_HZ:g} Hz, what the loop can run; "
+            "1000 is usual",
+        )
 
 
 def parse_scenario(name: str) -> Scenario:

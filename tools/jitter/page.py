@@ -152,8 +152,8 @@ def _overview_words() -> list[str]:
     return [
         (
             "A <b>canary</b> sleeps to the same deadlines on the same CPU at a higher priority and does "
-            "nothing else. What stalls it stalls the loop: the loop's wake-up minus the canary's is the loop's own "
-            "<b>excess</b>. The canary runs first, so that the loop wakes later than it does alone."
+            "nothing else. What stalls it stalls the loop: the loop's wake-up minus the canary's is the "
+            "loop's own <b>excess</b>. The canary runs first, so that the loop wakes later than alone."
         )
     ]
 
@@ -162,8 +162,8 @@ def _sliced_words(sliced: CyclictestResult) -> list[str]:
     return [
         (
             f"cyclictest, the loop and the loop without spin took turns of {sliced.slice_s:g} s on one CPU "
-            f"at one priority. p99 of the loop over that of cyclictest: <b>{sliced.spin_ratio:.3f}</b> with spin, "
-            f"<b>{sliced.no_spin_ratio:.3f}</b> without. Command: <code>{escape(sliced.command)}</code>"
+            f"at one priority. p99 of the loop over that of cyclictest: <b>{sliced.spin_ratio:.3f}</b> with "
+            f"spin, <b>{sliced.no_spin_ratio:.3f}</b> without. Command: <code>{escape(sliced.command)}</code>"
         )
     ]
 

@@ -25,7 +25,7 @@ _OWN_MISSES = 200
 _HELD_UP = 0.5
 """Share of a period from which on a late canary was held up: no cycle with an exchange fits behind it."""
 _EARLY = 0.1
-_DRIFT_MINIMUM = 100
+_DRIFT_MINIMUM, _DRIFT_SAMPLES = 100, 100_000
 
 
 class Event(NamedTuple):
@@ -122,6 +122,7 @@ class Pairing:
         self._worst: list[tuple[float, Event]] = []
         self._course = _Course(grid)
         self._ends = ((0, 0.0), (0, 0.0))
+        self._drift_stride = max(1, (grid.end - grid.first) // _DRIFT_SAMPLES)
         self._early: list[float] = []
         self._late: list[float] = []
 
@@ -265,6 +266,8 @@ class Pairing:
     def _note_drift(self, number: int, late_us: float) -> None:
         grid = self._grid
         self._ends = (self._ends[0] if self.cycles > 1 else (number, late_us), (number, late_us))
+        if number % self._drift_stride:
+            return
         share = (number - grid.first) / (grid.end - grid.first)
         if share < _EARLY:
             self._early.append(late_us)
