@@ -109,7 +109,7 @@ def _explanation() -> str:
     """What ``hm drive --help`` says before the words."""
     text, _, arguments = (inspect.getdoc(drive) or "").partition("\nArgs:\n")
     lines = [
-        re.sub(r"^    ([a-z]+)_?:", lambda match: f"    --{match[1]}:", line)
+        re.sub(r"^    ([a-z_]+):", lambda match: f"    --{match[1].rstrip('_').replace('_', '-')}:", line)
         for line in arguments.split("\n")
     ]
     usage = "usage: hm drive [WORDS] [OPTIONS]"

@@ -335,12 +335,13 @@ class Drive:
             HapticMasterError: What ended the loop.
         """
         self.check_goal(field, goal)
-        pilot = self.ensure_loop()
+        self._begin_commanding()
         motion = self.options.motion
         if speed is not None and speed > motion.speed_max:
             raise ConfigurationError(
                 f"{field} --speed", f"{speed:g} m/s is above {motion.speed_max:g} m/s, the limit of this run"
             )
+        pilot = self.ensure_loop()
         move = StraightMove.within(
             self.place(), goal, speed=speed or motion.speed, acceleration=motion.acceleration
         )
