@@ -51,6 +51,9 @@ class SessionOptions:
     transient_speed: float = 0.05
     """Vertical speed of the handle above which no sample is accumulated [m/s]: on his way to a depth after a
     hand-over, a demonstrator does not demonstrate it. A large value takes every sample, as eq. (10) does."""
+    transient_rate: float = 0.0
+    """The same by the depth at which the handle is [1/s]: a speed that is a transient on a hard object is the
+    unsteadiness of the hand on a soft one. 0 does not ask for it."""
     settling: float = 0.0
     """How long no sample is accumulated after the human has got control back [s]: a take-over is no
     demonstration. 0 takes them at once, as eq. (10) does."""
@@ -76,7 +79,15 @@ class SessionOptions:
     """Share of the interaction force that is rendered on the hand."""
 
     def __post_init__(self) -> None:
-        for name in ("practice", "examination", "hand_over", "feedback_gain", "settling", "stay"):
+        for name in (
+            "practice",
+            "examination",
+            "hand_over",
+            "feedback_gain",
+            "settling",
+            "stay",
+            "transient_rate",
+        ):
             if not 0.0 <= getattr(self, name):
                 raise ConfigurationError(name, f"{getattr(self, name)} must not be negative")
         for name in (
