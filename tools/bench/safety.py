@@ -21,7 +21,7 @@ from cyclopts import App, Parameter
 from hm_driver.errors import LoopError
 from hm_driver.geometry import ArmGeometry
 from hm_driver.realtime.modes import LimitOptions
-from hm_driver.realtime.options import LoopOptions
+from hm_driver.realtime.options import LoopOptions, TimingOptions, WatchOptions
 from tools.bench.safety_rig import Application, Rig, Stop, Vectors
 from tools.cli.console import tell, write, write_table
 
@@ -29,6 +29,9 @@ LIMIT_S = 0.02
 """From a limit that is exceeded to the acknowledged stop [s]."""
 LOST_S = 0.1
 """From the loss of the application, of the loop or of the device's data to the acknowledged stop [s]."""
+
+PULL = 20.0
+"""With which the hand pulls against the position springs, so that there is a force to ramp down [N]."""
 
 _CEILING = 0.02
 _SLOW = 0.04
@@ -47,6 +50,8 @@ class Event:
     """Trips of which one is told; an empty text where the application cannot tell."""
     options: dict[str, Any] = field(default_factory=dict)
     """Fields of the loop's options."""
+    query: str = ""
+    """Behind the device's address."""
     shows: Callable[[Vectors], bool] | None = None
     """Tells from a measurement whether it has happened; None: it happens when it is caused."""
 
@@ -71,11 +76,11 @@ def _lift(rig: Rig, _: Application) -> float:
 def _hold_up(rig: Rig, application: Application) -> float:
     """Stop the loop for most of the time, each time for less than the guardian bears."""
     time_s = rig.world.observe().time_s
-    for _ in range(40):
+    for pause_s in (0.002, 0.0):
         application.kill_loop(signal.SIGSTOP)
         time.sleep(0.03)
         application.kill_loop(signal.SIGCONT)
-        time.sleep(0.002)
+        time.sleep(pause_s)
     return time_s
 
 
@@ -104,6 +109,20 @@ EVENTS: dict[str, Event] = {
         options={"limits": LimitOptions(velocity_z=_SLOW / 2.0, velocity_trip=2.0)},
     ),
     "force": Event(strike=_inject("force_bias", value=(0.0, 0.0, 120.0)), reasons=("force",)),
+    "force (framed dialect)": Event(
+        strike=_inject("force_bias", value=(0.0, 0.0, 120.0)), reasons=("force",), query="?dialect=framed"
+    ),
+    "force (100 Hz)": Event(
+        strike=_inject("force_bias", value=(0.0, 0.0, 120.0)),
+        reasons=("force",),
+        options={"timing": TimingOptions(rate_hz=100.0)},
+    ),
+    "deadlines missed": Event(
+        strike=_hold_up,
+        allowed_s=LOST_S,
+        reasons=("deadline", "loop_lost"),
+        options={"watch": WatchOptions(missed_s=0.05)},
+    ),
     "refused command": Event(strike=_inject("reply_error", value=1.0, duration_s=0.002), reasons=("device",)),
     "emergency button": Event(strike=_inject("emergency_button"), allowed_s=LOST_S, reasons=("device",)),
     "connections reset": Event(
@@ -145,10 +164,13 @@ def run_event(rig: Rig, event: Event) -> Stop:
         LoopError: The loop did not start, or the device was not stopped.
     """
     rig.park()
-    options = LoopOptions(url=rig.url, **event.options)
+    options = LoopOptions(url=rig.url + event.query, **event.options)
     application = Application(options, engage_x=1.0, engage_y=1.0)
     try:
-        time.sleep(0.3)
+        time.sleep(0.2)
+        rig.pull = PULL
+        rig.hold()
+        time.sleep(0.2)
         tells = event.reasons != ("",)
         return rig.stop_after(application, event.strike, shows=event.shows, tells=tells)
     finally:

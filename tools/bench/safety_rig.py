@@ -150,6 +150,8 @@ class Rig:
         self._canaries: list[Canary] = []
         self._start_ns = time.monotonic_ns()
         self.url = ""
+        self.pull = 0.0
+        """Force along x with which the hand pulls besides [N]."""
 
     def __enter__(self) -> Self:
         with contextlib.ExitStack() as stack:
@@ -173,6 +175,7 @@ class Rig:
     def park(self) -> None:
         """Bring the arm to its home pose, without faults, and stop it there."""
         self.world.clear_faults()
+        self.pull = 0.0
         with hm_driver.connect(self.url) as arm:
             if not arm.is_position_calibrated():
                 arm.initialise()
@@ -187,7 +190,7 @@ class Rig:
         """Let a hand hold the arm at a height [m]."""
         nothing = [0.0, 0.0, 0.0]
         hand = {"position": [0.0, 0.0, z], "stiffness": [stiffness] * 3, "damping": [damping] * 3}
-        return self.world.exchange({**hand, "velocity": nothing, "force": nothing})
+        return self.world.exchange({**hand, "velocity": nothing, "force": [self.pull, 0.0, 0.0]})
 
     def stop_after(
         self,

@@ -219,6 +219,19 @@ def test_a_device_that_no_longer_answers_the_loop_is_stopped_by_the_guardian(dev
     assert (stopped[0] - struck_ns) * 1e-9 <= floor.allows(0.1)
 
 
+def test_a_device_that_sends_stale_data_is_stopped_within_100_ms(device, floor):
+    with LoopProcess(LoopOptions(url=device.url)) as loop:
+        loop.start()
+        run_ticks(loop, 10)
+        struck_ns = time.monotonic_ns()
+        device.control("stale", argument=True)
+        error = wait_until_it_trips(loop)
+    assert (error.reason, "stale" in error.detail) == ("device", True)
+    stopped = device.times_of("set state stop")
+    assert len(stopped) == 1
+    assert (stopped[0] - struck_ns) * 1e-9 <= floor.allows(0.1)
+
+
 def test_a_link_that_is_cut_is_said_to_be_beyond_our_reach(device):
     with LoopProcess(LoopOptions(url=device.url)) as loop:
         loop.start()
