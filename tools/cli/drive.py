@@ -162,7 +162,7 @@ def _opened(
         driver.on_progress = lambda: context.console.draw(lambda: driver.status().line())
         context.opened = stack.enter_context(driver)
         yield driver
-    if driver.has_driven and not driver.has_failed:
+    if driver.engine.has_driven and not driver.engine.has_failed:
         approach.completed()
 
 
@@ -214,7 +214,7 @@ def _talk(context: "Context") -> None:
 @contextlib.contextmanager
 def _ending_at_once() -> Iterator[None]:
     """Let SIGTERM and SIGHUP end the program where Ctrl-C only stops a motion."""
-    from tools.drive.session import EndRequested
+    from tools.drive.outcome import EndRequested
 
     def end(_signal: int, _frame: FrameType | None) -> None:
         raise EndRequested

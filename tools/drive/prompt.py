@@ -17,7 +17,7 @@ from hm_driver.errors import HapticMasterError
 from tools.drive.completion import candidates, hint, unfinished
 from tools.drive.history import history_path
 from tools.drive.language import commands
-from tools.drive.session import EndRequested, MotionStopped
+from tools.drive.outcome import EndRequested, MotionStopped
 from tools.drive.surface import Context
 from tools.drive.words import carry_out
 

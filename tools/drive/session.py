@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from types import TracebackType
-from typing import NamedTuple, Self
+from typing import Self
 
 from hm_driver.device.haptic_master import HapticMaster, connect
 from hm_driver.errors import (
@@ -23,45 +23,22 @@ from hm_driver.protocol.vocabulary import State
 from hm_driver.realtime.claim import DeviceClaim
 from hm_driver.realtime.modes import PositionControl
 from hm_driver.realtime.options import LoopOptions
-from hm_driver.realtime.process import LoopProcess
 from tools.drive.effects import EffectTable
+from tools.drive.engine import Engine
 from tools.drive.log import DriveLog
 from tools.drive.options import TICK_S, DriveOptions
-from tools.drive.pilot import ALL_AXES, Ending, Motion, Pilot, Tracking
+from tools.drive.outcome import Arrival, EndRequested, MotionStopped, NotArrived
+from tools.drive.pilot import ALL_AXES, Ending, Motion, Pilot
 from tools.drive.raw import Explainer, doubts, is_question, read_command, why_forbidden
 from tools.drive.reach import check_path, check_point, joint_peak
-from tools.drive.status import AXES, DriveStatus, LoopMeter, loop_modes
+from tools.drive.status import AXES, DriveStatus, loop_modes
 from tools.drive.trajectory import StraightMove, Trajectory, Vector
 
 _WAIT_S = 0.05
 _BRAKE_PATIENCE_S = 3.0
-_STOP_PATIENCE_S = 10.0
 _AT_REST = 0.005
 _HOME_TIMEOUT_S = 30.0
 _UNPOWERED = (State.OFF, State.FAULT)
-
-
-class EndRequested(KeyboardInterrupt):
-    """A signal asks the program to end; unlike Ctrl-C it is not asked twice."""
-
-
-class MotionStopped(KeyboardInterrupt):
-    """Ctrl-C during a motion: the arm was braked on its way and is held there."""
-
-
-class NotArrived(HapticMasterError):
-    """The arm did not come to where it was led: something holds it."""
-
-
-class Arrival(NamedTuple):
-    """How a motion went."""
-
-    duration_s: float
-    tracking: Tracking
-    position: Vector
-    """Where the arm is [m]."""
-    error_m: float
-    """How far that is from the goal."""
 
 
 class Drive:
@@ -96,17 +73,12 @@ class Drive:
         """Called about 20 times a second while a motion is waited for."""
         self.on_failure: Callable[[HapticMasterError], None] = lambda _error: None
         """Called from another thread with what ended the loop, as soon as that happens."""
-        self.has_driven = False
-        """Whether a loop drove the arm."""
-        self.has_failed = False
-        """Whether one ended otherwise than in order."""
+        self.engine = Engine()
+        """The loop, while one runs."""
         self._tell = tell
         self._approach = approach
         self._is_approached = False
         self._arm: HapticMaster | None = None
-        self._loop: LoopProcess | None = None
-        self._pilot: Pilot | None = None
-        self._meter = LoopMeter()
         self._geometry: ArmGeometry | None = None
         self._loop_state = State.FORCE
         self._has_commanded = False
@@ -144,12 +116,12 @@ class Drive:
     @property
     def pilot(self) -> Pilot | None:
         """Who leads the loop, or None while there is none."""
-        return self._pilot
+        return self.engine.pilot
 
     @property
     def is_driving(self) -> bool:
         """Whether a loop drives the arm."""
-        return self._loop is not None and self._pilot is not None and self._pilot.failure is None
+        return self.engine.is_running
 
     @property
     def geometry(self) -> ArmGeometry:
@@ -161,19 +133,19 @@ class Drive:
     @property
     def handle(self) -> Vector:
         """Where the end effector is [m]."""
-        if self.is_driving and self._loop is not None:
-            state = self._loop.state()
+        if self.is_driving:
+            state = self.engine.state
             return state.measured_x, state.measured_y, state.measured_z
         return self.arm.measured_position()
 
     def status(self) -> DriveStatus:
         """One look at everything; costs the device no question while a loop drives."""
         recording = None if self.log.path is None else str(self.log.path)
-        loop, pilot = self._loop, self._pilot
-        if loop is None or pilot is None or pilot.failure is not None:
+        pilot = self.pilot
+        if pilot is None or not self.is_driving:
             measured = self.arm.measure()
             return DriveStatus(self.arm.state.value, *measured, recording=recording)
-        state = loop.state()
+        state = self.engine.state
         return DriveStatus(
             state=self._loop_state.value,
             position=(state.measured_x, state.measured_y, state.measured_z),
@@ -181,7 +153,7 @@ class Drive:
             force=(state.force_x, state.force_y, state.force_z),
             modes=loop_modes(state),
             target=pilot.target,
-            rate_hz=self._meter.rate_hz(state),
+            rate_hz=self.engine.rate_hz,
             cycles=int(state.cycle),
             missed=int(state.missed),
             recording=recording,
@@ -191,14 +163,11 @@ class Drive:
 
     def take_failure(self) -> HapticMasterError | None:
         """What ended the loop since this was asked last, or None; the loop is cleared away."""
-        if self._pilot is None or self._pilot.failure is None:
-            return None
-        failure = self._pilot.failure
-        self.has_failed = True
-        self._clear_loop()
-        self.effects.disable_all()
-        with contextlib.suppress(HapticMasterError):  # the failure itself is what is told
-            self._make_effects_again()
+        failure = self.engine.take_failure()
+        if failure is not None:
+            self.effects.disable_all()
+            with contextlib.suppress(HapticMasterError):  # the failure itself is what is told
+                self._make_effects_again()
         return failure
 
     def ensure_loop(self) -> Pilot:
@@ -210,26 +179,15 @@ class Drive:
         failure = self.take_failure()
         if failure is not None:
             raise failure
-        if self._pilot is not None:
-            return self._pilot
+        if self.pilot is not None:
+            return self.pilot
         self._begin_commanding()
         options = self._loop_options(self.options, self._loop_state)
         if not self.arm.is_position_calibrated():
             self._tell("the arm initialises: it moves by itself, keep your hands off")
-        loop = LoopProcess(options)
-        loop.__enter__()
-        try:
-            loop.start()
-            pilot = Pilot(loop, brake_time=self.options.motion.brake_time, on_failure=self.on_failure)
-            self._loop, self._pilot = loop, pilot
-            pilot.start()
-            self.has_driven = True
-        except BaseException:
-            self._loop = self._pilot = None
-            loop.close()
-            raise
-        self._meter = LoopMeter()
-        self._meter.rate_hz(loop.state())
+        pilot = self.engine.start(
+            options, brake_time=self.options.motion.brake_time, on_failure=self.on_failure
+        )
         self._make_effects_again()
         return pilot
 
@@ -247,7 +205,7 @@ class Drive:
             DeviceFault: The device does not get there.
         """
         if state in (State.FORCE, State.POSITION):
-            if self._loop_state is not state or self._pilot is None:
+            if self._loop_state is not state or self.pilot is None:
                 self._change(self.options, state)
                 self.ensure_loop()
             return
@@ -356,7 +314,7 @@ class Drive:
 
     def place(self) -> Vector:
         """Where the arm is led from: held axes where they are held, the others where they are [m]."""
-        handle, pilot = self.handle, self._pilot
+        handle, pilot = self.handle, self.pilot
         if pilot is None:
             return handle
         x, y, z = (
@@ -429,7 +387,7 @@ class Drive:
 
     def _change(self, options: DriveOptions, state: State) -> None:
         self._loop_options(options, state)  # refused here, before the loop that runs is ended
-        engaged = None if self._pilot is None else self._pilot.engaged
+        engaged = None if self.pilot is None else self.pilot.engaged
         enabled = {name for name, known in self.effects.objects.items() if known.is_enabled}
         if engaged is not None:
             self._tell("the loop starts anew; the arm stands still meanwhile")
@@ -447,26 +405,11 @@ class Drive:
         self._change(self.options, self._loop_state)
 
     def _end_loop(self) -> None:
-        """End the loop gently, while the pilot goes on with its heartbeat; then make the effects again."""
-        loop, pilot = self._loop, self._pilot
-        if loop is None or pilot is None:
-            return
-        try:
-            self.has_failed |= pilot.failure is not None
-            if pilot.failure is None:
-                loop.request_stop()
-                loop.wait(_STOP_PATIENCE_S)
-        finally:
-            self._clear_loop()
-        self.effects.disable_all()
-        self._make_effects_again()
-
-    def _clear_loop(self) -> None:
-        loop, pilot = self._loop, self._pilot
-        self._loop = self._pilot = None
-        if loop is not None and pilot is not None:
-            pilot.close()
-            loop.close()
+        """End a loop that runs, and make the effects again that it removes from the device."""
+        if self.pilot is not None:
+            self.engine.end()
+            self.effects.disable_all()
+            self._make_effects_again()
 
     def _make_effects_again(self) -> None:
         """Make what the loop's start or end has removed from the device."""
@@ -491,7 +434,7 @@ class Drive:
         if not self._is_approached:
             self.options = self._approach(self.options, self.geometry)
             self._is_approached = True
-        if self._loop is None:
+        if self.pilot is None:
             with DeviceClaim(self.url):
                 pass
         self._has_commanded = True

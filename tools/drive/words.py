@@ -16,9 +16,10 @@ from tools.drive.effect_words import effect_word
 from tools.drive.language import Argument, Call, Option, Word
 from tools.drive.log import free_log
 from tools.drive.options import DriveOptions
+from tools.drive.outcome import Arrival
 from tools.drive.path_file import load_path
 from tools.drive.pilot import ALL_AXES
-from tools.drive.session import Arrival, axis_index
+from tools.drive.session import axis_index
 from tools.drive.status import AXES, DriveStatus
 from tools.drive.surface import Context
 

@@ -11,7 +11,8 @@ from hm_driver.protocol.vocabulary import State
 from hm_driver.realtime.claim import DeviceClaim
 from hm_driver.realtime.modes import PositionControl
 from tools.drive.log import DriveLog
-from tools.drive.session import Drive, NotArrived
+from tools.drive.outcome import NotArrived
+from tools.drive.session import Drive
 from tools.drive.trajectory import PathThrough
 
 HAND = {"position": [0.0, 0.0, 0.0], "stiffness": [0.0] * 3, "damping": [20.0] * 3}

@@ -1,0 +1,30 @@
+"""How a motion can end, for the one who asked for it."""
+
+from typing import NamedTuple
+
+from hm_driver.errors import HapticMasterError
+from tools.drive.pilot import Tracking
+from tools.drive.trajectory import Vector
+
+
+class EndRequested(KeyboardInterrupt):
+    """A signal asks the program to end; unlike Ctrl-C it is not asked twice."""
+
+
+class MotionStopped(KeyboardInterrupt):
+    """Ctrl-C during a motion: the arm was braked on its way and is held there."""
+
+
+class NotArrived(HapticMasterError):
+    """The arm did not come to where it was led: something holds it."""
+
+
+class Arrival(NamedTuple):
+    """How a motion went that came to its end."""
+
+    duration_s: float
+    tracking: Tracking
+    position: Vector
+    """Where the arm is [m]."""
+    error_m: float
+    """How far that is from the goal."""
