@@ -215,9 +215,9 @@ def nearest(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def query_in(
-    table: FloatArray, state: FloatArray, x0: float, x1: float, Q: FloatArray
+    table: FloatArray, state: FloatArray, x0: float, x1: float, Q: FloatArray, active: NDArray[np.int64]
 ) -> tuple[float, float]:
-    """As :func:`query_2d`, with scratch Q of shape (N,)."""
+    """As :func:`query_2d`, with scratch Q and active of shape (N,)."""
     n = int(state[N_MODELS])
     q_cut = state[Q_CUT]
     low, high = window(table, n, x0, math.sqrt(2.0 * q_cut) * state[REACH])
@@ -230,22 +230,27 @@ def query_in(
         if q_min == math.inf:
             return 0.0, 0.0
     limit = q_min + q_cut
+    n_active = 0
+    for j in range(high - low):
+        active[n_active] = j
+        n_active += Q[j] <= limit
     total = 0.0
     weights = 0.0
-    for i in range(low, high):
-        q = Q[i - low]
-        if q <= limit:
-            w = math.exp(0.5 * (q_min - q)) * table[18, i]
-            weights += w
-            a, b = x0 - table[0, i], x1 - table[1, i]
-            total += w * (table[5, i] * a + table[6, i] * b + table[7, i])
+    for k in range(n_active):
+        j = active[k]
+        i = low + j
+        w = math.exp(0.5 * (q_min - Q[j])) * table[18, i]
+        weights += w
+        a, b = x0 - table[0, i], x1 - table[1, i]
+        total += w * (table[5, i] * a + table[6, i] * b + table[7, i])
     return total / weights, math.exp(-0.5 * q_min)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def query_2d(table: FloatArray, state: FloatArray, x0: float, x1: float) -> tuple[float, float]:
     """Prediction of eq. (1) and w_max at (x0, x1), for two inputs and one output."""
-    return query_in(table, state, x0, x1, np.empty(int(state[N_MODELS])))
+    n = int(state[N_MODELS])
+    return query_in(table, state, x0, x1, np.empty(n), np.empty(n, np.int64))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -261,8 +266,9 @@ def predict(
     d, m = X.shape[1], Y.shape[1]
     Q = np.empty(int(state[N_MODELS]))
     if scratch is None:
+        active = np.empty(Q.shape[0], np.int64)
         for k in range(X.shape[0]):
-            Y[k, 0], w_max[k] = query_in(table, state, X[k, 0], X[k, 1], Q)
+            Y[k, 0], w_max[k] = query_in(table, state, X[k, 0], X[k, 1], Q, active)
         return
     parameters = d + d * (d + 1) // 2
     gain = first_book(d, m) + GAIN
@@ -339,6 +345,18 @@ def deviation(
         for o in range(m):
             R[k, o] /= weights
             S[k, o] /= weights
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def query_std_2d(table: FloatArray, state: FloatArray, x0: float, x1: float) -> tuple[float, float, float]:
+    """As :func:`query_2d`, with the standard deviation that :func:`deviation` gives as the third."""
+    X, Y = np.empty((1, 2)), np.empty((1, 1))
+    R, S = np.empty((1, 1)), np.empty((1, 1))
+    Y[0, 0], w_max = query_2d(table, state, x0, x1)
+    X[0, 0] = x0
+    X[0, 1] = x1
+    deviation(table, state, X, Y, R, S)
+    return Y[0, 0], w_max, math.sqrt(R[0, 0] + S[0, 0])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -110,7 +110,9 @@ class RFWR(LocalModels):
         )
 
     def _learn(self, X: FloatArray, Y: FloatArray, start: int) -> int:
-        done: int = rfwr_kernels.update(self._table, self._state, self._params, self._blocks, X, Y, start)
+        done: int = rfwr_kernels.update(
+            self._table, self._state, self._params, self._blocks, X, Y, start, self._scratch
+        )
         return done
 
 

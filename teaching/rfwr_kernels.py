@@ -201,6 +201,125 @@ def learn(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def learn_2d(
+    table: FloatArray,
+    state: FloatArray,
+    params: FloatArray,
+    blocks: FloatArray,
+    i: int,
+    w: float,
+    x0: float,
+    x1: float,
+    y: float,
+) -> None:
+    """As :func:`learn` for two inputs and one output, written out."""
+    b = int(table[21, i])
+    lam = blocks[b, FORGETTING]
+    z0, z1 = x0 - table[0, i], x1 - table[1, i]
+    p00, p01, p02 = table[8, i], table[9, i], table[10, i]
+    p11, p12, p22 = table[11, i], table[12, i], table[13, i]
+    g0 = p00 * z0 + p01 * z1 + p02
+    g1 = p01 * z0 + p11 * z1 + p12
+    g2 = p02 * z0 + p12 * z1 + p22
+    spread = z0 * g0 + z1 * g1 + g2
+    s = 1.0 / (lam / w + spread)
+    error = y - table[5, i] * z0 - table[6, i] * z1 - table[7, i]
+    h = s * spread
+    remainder = 1.0 - h
+    before = error * error
+    table[17, i] = lam * table[17, i] + w * remainder
+    table[20, i] = lam * table[20, i] + w * remainder * before
+    table[5, i] += g0 * s * error
+    table[6, i] += g1 * s * error
+    table[7, i] += g2 * s * error
+    e = error * remainder
+    after = e * e
+    scale = 1.0 / lam
+    s0, s1, s2 = s * g0, s * g1, s * g2
+    table[8, i] = (p00 - s0 * g0) * scale
+    table[9, i] = (p01 - s0 * g1) * scale
+    table[10, i] = (p02 - s0 * g2) * scale
+    table[11, i] = (p11 - s1 * g1) * scale
+    table[12, i] = (p12 - s1 * g2) * scale
+    table[13, i] = (p22 - s2 * g2) * scale
+    table[14, i] += 1.0
+    if lam < 1.0:
+        axis = int(table[14, i]) % 3
+        r0 = table[8 + axis, i]
+        r1 = table[9 if axis == 0 else 10 + axis, i]
+        r2 = table[10 if axis == 0 else 11 + axis, i]
+        information = (1.0 - lam) * 3.0 / params[kernels.P0]
+        share = information / (1.0 + information * (r0 if axis == 0 else r1 if axis == 1 else r2))
+        table[8, i] -= share * r0 * r0
+        table[9, i] -= share * r0 * r1
+        table[10, i] -= share * r0 * r2
+        table[11, i] -= share * r1 * r1
+        table[12, i] -= share * r1 * r2
+        table[13, i] -= share * r2 * r2
+    W = lam * blocks[b, WEIGHT] + w
+    blocks[b, WEIGHT] = W
+    blocks[b, COUNT] = lam * blocks[b, COUNT] + 1.0
+    chosen = kernels.D0 + 3
+    tau = params[chosen + TAU]
+    blocks[b, FORGETTING] = tau * lam + (1.0 - tau) * params[chosen + shape_kernels.LAM_FINAL]
+    if table[14, i] > 4.0:
+        table[18, i] = 1.0
+    if not shape_kernels.is_ready(params, blocks[b, COUNT], lam, 2):
+        return
+    held = shape_kernels.transient(blocks, b)
+    g0, g1, g2 = s0 / w, s1 / w, s2 / w
+    with_H = e * (g0 * blocks[b, 14] + g1 * blocks[b, 15] + g2 * blocks[b, 16])
+    with_R = g0 * (g0 * blocks[b, 17] + 2.0 * (g1 * blocks[b, 18] + g2 * blocks[b, 19]))
+    with_R += g1 * (g1 * blocks[b, 20] + 2.0 * g2 * blocks[b, 21]) + g2 * g2 * blocks[b, 22]
+    E, over = blocks[b, CROSS], 1.0 / W
+    first = ((before - 2.0 * with_H - 2.0 * with_R) - E * over) * over
+    zPz = h / w
+    second = 2.0 * over * (2.0 * with_H * (over + zPz) + after * zPz - before * over + E * over * over)
+    u00, u01, u11 = blocks[b, 5], blocks[b, 6], blocks[b, 7]
+    D00, D01, D11 = table[2, i], table[3, i], table[4, i]
+    share = 2.0 * w * over * (params[chosen + shape_kernels.PENALTY] / 2.0)
+    v0, v1 = u00 * z0 + u01 * z1, u11 * z1
+    largest = max(abs(u00), abs(u01), abs(u11))
+    is_full = params[chosen + shape_kernels.IS_DIAGONAL] == 0.0
+    for element in range(5, 8):
+        v = v1 if element == 7 else v0
+        z = z0 if element == 5 else z1
+        if element == 5:
+            product, bend = u00 * D00 + u01 * D01, 2.0 * D00 + 4.0 * u00 * u00
+        elif element == 6:
+            product, bend = u00 * D01 + u01 * D11, 2.0 * D11 + 4.0 * u01 * u01
+        else:
+            product, bend = u11 * D11, 2.0 * D11 + 4.0 * u11 * u11
+        if is_full or element != 6:
+            slope = -w * v * z
+            gradient = slope * first + 2.0 * share * product
+            curvature = (slope * slope / w - w * z * z) * first + slope * slope * second + share * bend
+            shape_kernels.step(blocks, params, b, element, chosen, 3, largest, held, gradient, curvature)
+    u00, u01, u11 = blocks[b, 5], blocks[b, 6], blocks[b, 7]
+    table[2, i] = u00 * u00
+    table[3, i] = u00 * u01
+    table[4, i] = u01 * u01 + u11 * u11
+    wide, high = 1.0 / u00, 1.0 / u11
+    across = -u01 * wide * high
+    reach = wide * wide + across * across
+    table[16, i] = reach + high * high
+    state[kernels.REACH] = max(state[kernels.REACH], math.sqrt(reach))
+    blocks[b, CROSS] = lam * E + w * before
+    blocks[b, SQUARE] = lam * blocks[b, SQUARE] + w * after
+    share = held * w / remainder
+    with_e, with_R = share * e / remainder, share * w * before
+    blocks[b, 14] = lam * blocks[b, 14] + with_e * z0
+    blocks[b, 15] = lam * blocks[b, 15] + with_e * z1
+    blocks[b, 16] = lam * blocks[b, 16] + with_e
+    blocks[b, 17] = lam * blocks[b, 17] + with_R * z0 * z0
+    blocks[b, 18] = lam * blocks[b, 18] + with_R * z0 * z1
+    blocks[b, 19] = lam * blocks[b, 19] + with_R * z0
+    blocks[b, 20] = lam * blocks[b, 20] + with_R * z1 * z1
+    blocks[b, 21] = lam * blocks[b, 21] + with_R * z1
+    blocks[b, 22] = lam * blocks[b, 22] + with_R
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def update(
     table: FloatArray,
     state: FloatArray,
@@ -209,6 +328,7 @@ def update(
     X: FloatArray,
     Y: FloatArray,
     start: int,
+    scratch: FloatArray | None,
 ) -> int:
     """As :func:`teaching.kernels.update`, with fields that adapt."""
     n: int = X.shape[0]
@@ -236,14 +356,20 @@ def update(
                 q1, first = q, i
             elif q < q2:
                 q2, second = q, i
-            for j in range(d):
-                z[j] = X[k, j] - table[j, i]
-            learn(table, state, params, blocks, i, math.exp(-0.5 * q), Y, k, z, g, v, e, inverse)
+            w = math.exp(-0.5 * q)
+            if scratch is None:
+                learn_2d(table, state, params, blocks, i, w, X[k, 0], X[k, 1], Y[k, 0])
+            else:
+                for j in range(d):
+                    z[j] = X[k, j] - table[j, i]
+                learn(table, state, params, blocks, i, w, Y, k, z, g, v, e, inverse)
         if math.exp(-0.5 * q1) <= params[kernels.W_GEN]:
             place, _ = shape_kernels.admit(table, state, params, blocks, X, k, m, first, q1, inverse)
-            for j in range(d):
-                z[j] = 0.0
-            learn(table, state, params, blocks, place, 1.0, Y, k, z, g, v, e, inverse)
+            if scratch is None:
+                learn_2d(table, state, params, blocks, place, 1.0, X[k, 0], X[k, 1], Y[k, 0])
+            else:
+                z[:d] = 0.0
+                learn(table, state, params, blocks, place, 1.0, Y, k, z, g, v, e, inverse)
         else:
             shape_kernels.prune(table, state, params, blocks, d, m, first, second, q2)
         state[kernels.N_SAMPLES] += 1.0

@@ -81,9 +81,10 @@ def step(
 ) -> None:
     """Move one element of U in block b, and its learning rate where that learns (IDBD of Sutton 1992)."""
     rate = element + triangle
-    alpha = math.exp(blocks[b, rate])
     meta_rate = params[chosen + META_RATE]
-    if meta_rate > 0.0:
+    if meta_rate == 0.0:
+        alpha = math.exp(blocks[b, rate])
+    else:
         memory = rate + triangle
         change = meta_rate * held * gradient * blocks[b, memory]
         blocks[b, rate] -= min(0.1, max(-0.1, change))
