@@ -239,9 +239,19 @@ class LocalModels(ABC):
 
     def query_std(self, x0: float, x1: float) -> tuple[float, float, float]:
         """As :meth:`query`, with the standard deviation of :meth:`predict` as the third."""
+        if self._is_plain and math.isfinite(x0 + x1):
+            result: tuple[float, float, float]
+            result = kernels.query_std_2d(self._table, self._state, float(x0), float(x1))
+            return result
         y, w_max = self.query(x0, x1)
         point = np.array([[x0, x1]], dtype=float)
         return y, w_max, float(self._deviation(point, np.array([[y]]))[0, 0])
+
+    @property
+    def _is_plain(self) -> bool:
+        """Whether one call of a kernel has the prediction at a point of a plane, and its deviation."""
+        is_own = type(self)._variance is not LocalModels._variance
+        return self._scales is None and self._scratch is None and not is_own
 
     def remove(self, which: ArrayLike) -> int:
         """Remove models, named by indices into :attr:`models` or by a mask of shape (N,).
