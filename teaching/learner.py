@@ -133,6 +133,11 @@ class Learner(Protocol):
         """Remove the models made before the learner had seen n_samples samples; returns how many."""
         ...
 
+    @property
+    def say(self) -> FloatArray:
+        """Factor of each model's weight in eq. (1), shape (N,), oldest first; 1 where all have one say."""
+        ...
+
     def check_parameters(self) -> list[str]:
         """Say which parameters contradict each other, and the consequence."""
         ...

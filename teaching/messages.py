@@ -63,6 +63,7 @@ LEARNER_STATE: Final = VariableMessage(
         Field("P", Kind.DOUBLES, "Covariances, shape (N, d + 1, d + 1)"),
         Field("model_samples", Kind.DOUBLES, "Samples learned by each model, shape (N,)"),
         Field("model_born", Kind.DOUBLES, "Samples the learner had seen when it made each model, shape (N,)"),
+        Field("say", Kind.DOUBLES, "Factor of each model's weight in eq. (1), shape (N,)"),
         Field("cause", Kind.FIXED32, "0 a batch was learned, 1 models were forgotten, 2 a change was undone"),
     ),
 )
@@ -108,6 +109,7 @@ def pack_learner_state(
         models.P.ravel().tolist(),
         models.samples.tolist(),
         models.born.tolist(),
+        learner.say.tolist(),
         cause,
     )
 

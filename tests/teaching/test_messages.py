@@ -60,5 +60,6 @@ def test_the_learner_is_read_back_from_its_message(rng):
         read.model_samples,
         read.model_born,
     )
+    assert list(read.say) == [1.0] * skill.n_models
     for a, b in zip(models, skill.models, strict=True):
         np.testing.assert_array_equal(a, b)

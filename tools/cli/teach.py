@@ -74,7 +74,7 @@ def teach(
         approach.completed()
     ran_s = time.monotonic() - began
     summary, report = _report(outcome)
-    values = _table(summary, outcome, seed=seed, report=report, wall_s=time.monotonic() - began)
+    values = _table(request, summary, outcome, report=report, wall_s=time.monotonic() - began)
     if json:
         write_json(values)
     else:
@@ -198,12 +198,15 @@ def _report(outcome: "Outcome") -> "tuple[Summary, Path]":
 
 
 def _table(
-    summary: "Summary", outcome: "Outcome", *, seed: int, report: Path, wall_s: float
+    request: "TeachRequest", summary: "Summary", outcome: "Outcome", *, report: Path, wall_s: float
 ) -> dict[str, Any]:
     """What ``--json`` prints; documented in docs/json.md."""
     ticks = outcome.ticks
     return summary.as_dict() | {
-        "seed": seed,
+        "method": request.options.method.value,
+        "learner": request.options.learner.kind.value,
+        "arbitration": request.options.arbitration.kind.value,
+        "seed": request.seed,
         "loop": outcome.loop or None,
         "ticks": None
         if ticks is None
@@ -227,6 +230,7 @@ def _print(values: dict[str, Any], *, ran_s: float) -> None:
 
 
 def _rows(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    yield "method", f"{values['method']}: learner {values['learner']}, arbitration {values['arbitration']}"
     yield "updates", f"{values['updates']} ({values['samples']} samples)"
     yield "models", f"{values['models']} ({values['models_added']} added, {values['models_pruned']} pruned)"
     yield "coverage", f"{100.0 * values['coverage']:.1f} %"

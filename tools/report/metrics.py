@@ -82,6 +82,8 @@ def evaluate(skill: Skill, points: FloatArray) -> Evaluation:
     nearest = q.min(axis=1)
     w = np.exp(-0.5 * (q - nearest[:, None]))  # shifted, so that it is finite however far away
     w[w < W_CUTOFF] = 0.0
+    if skill.say is not None:
+        w *= skill.say
     local = np.einsum("nkj,kj->nk", offset, skill.M[:, :2]) + skill.M[:, 2]
     return Evaluation((w * local).sum(axis=1) / w.sum(axis=1), np.exp(-0.5 * nearest))
 

@@ -51,6 +51,8 @@ WANTED: dict[str, tuple[str, ...]] = {
     EVENTS_TOPIC: ("time_ns", "level", "name", "text"),
 }
 """Every topic and column that the report reads."""
+LATER: dict[str, tuple[str, ...]] = {LEARNER_TOPIC: ("cause", "say")}
+"""Columns that the report reads where a log has them: they came after the first release."""
 
 PRACTICE, TEACHING, AUTONOMOUS = 0, 1, 2
 STAGE_NAMES = {PRACTICE: "practice", TEACHING: "teaching", AUTONOMOUS: "autonomous"}
@@ -103,6 +105,15 @@ class Skill:
     """Distance metrics, shape (N, 2, 2) [1/m^2]."""
     M: FloatArray
     """Linear models, the constant last, shape (N, 3)."""
+    say: FloatArray | None = None
+    """Factor of each model's weight, shape (N,); None for 1."""
+    cause: int = 0
+    """0 a batch was learned, 1 models were forgotten, 2 a change was undone."""
+
+    @property
+    def title(self) -> str:
+        """What this skill is, in two words."""
+        return ("Update {}", "Forgotten after {}", "Undone after {}")[self.cause].format(self.update)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -215,7 +226,7 @@ def _load(log: Recording) -> SessionData:
         )
     attachments = log.attachments
     config = _json(log, attachments, CONFIG_FILE)
-    tables = log.tables({topic: names for topic, names in WANTED.items() if topic in log.topics})
+    tables = log.tables({topic: _columns(log, topic) for topic in WANTED if topic in log.topics})
     arbitration = tables[ARBITRATION_TOPIC]
     if not len(arbitration["time_ns"]):
         raise RecordingError(f"{log.path} holds no tick of a teaching session")
@@ -237,6 +248,11 @@ def _load(log: Recording) -> SessionData:
         timing=_timing(_table(tables, TIMING_TOPIC)),
         events=_events(_table(tables, EVENTS_TOPIC), start_ns),
     )
+
+
+def _columns(log: Recording, topic: str) -> tuple[str, ...]:
+    there = log.describe(topic).columns if topic in LATER else ()
+    return (*WANTED[topic], *(name for name in LATER.get(topic, ()) if name in there))
 
 
 def _json(log: Recording, attachments: Mapping[str, bytes], name: str) -> dict[str, Any]:
@@ -302,9 +318,11 @@ def _skills(columns: Mapping[str, NDArray[Any]], start_ns: int) -> tuple[Skill, 
             centres=columns["centres"][row].reshape(-1, 2),
             D=columns["D"][row].reshape(-1, 2, 2),
             M=columns["M"][row].reshape(-1, 3),
+            say=columns["say"][row] if "say" in columns else None,
+            cause=int(columns["cause"][row]) if "cause" in columns else 0,
         )
         for row in range(len(columns["time_ns"]))
-        if int(columns["update"][row]) > 0
+        if int(columns["update"][row]) > 0 or ("cause" in columns and int(columns["cause"][row]) > 0)
     )
 
 

@@ -96,7 +96,7 @@ def analyse(data: SessionData) -> Analysis:
     time_s, stage = data.ticks.time_s, data.ticks.stage
     tick_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     summary = Summary(
-        updates=len(data.skills),
+        updates=sum(skill.cause == 0 for skill in data.skills),
         samples=last.samples if last else 0,
         models_added=last.added if last else 0,
         models_pruned=last.pruned if last else 0,
@@ -107,7 +107,7 @@ def analyse(data: SessionData) -> Analysis:
         practice_s=round(tick_s * int(np.count_nonzero(stage == PRACTICE)), 6),
         teaching_s=round(tick_s * int(np.count_nonzero(stage == TEACHING)), 6),
         autonomous_s=round(tick_s * int(np.count_nonzero(stage == AUTONOMOUS)), 6),
-        update_times_s=tuple(skill.time_s for skill in data.skills),
+        update_times_s=tuple(skill.time_s for skill in data.skills if skill.cause == 0),
         cycles=len(data.timing.lateness_us),
         missed_periods=data.timing.missed_periods,
         saturated_cycles=data.timing.saturated_cycles,

@@ -96,6 +96,9 @@ def open_recording(
         "device": device,
         "hand": request.hand.value,
         "task": request.task.name,
+        "method": request.options.method.value,
+        "learner": request.options.learner.kind.value,
+        "arbitration": request.options.arbitration.kind.value,
     }
     if not is_lockstep:
         session |= {

@@ -4,7 +4,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from teaching.evaluation import coverage, force_error
+from teaching.lwpr import LWPR
 from teaching.lwr import LWR
+from teaching.rfwr import RFWR
 from teaching.task_file import load_task
 from tools.report import metrics
 from tools.report.session_data import Skill
@@ -22,6 +24,7 @@ def skill_of(learner):
         centres=models.centres,
         D=models.D,
         M=models.M[:, :, 0],
+        say=learner.say,
     )
 
 
@@ -37,6 +40,25 @@ def taught():
 def test_the_report_evaluates_a_logged_skill_as_the_learner_does(taught):
     task, learner = taught
     points = task.grid(metrics.GRID)
+    found = metrics.evaluate(skill_of(learner), points)
+    np.testing.assert_allclose(found.y, learner.predict(points)[:, 0], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(found.w_max, learner.w_max(points), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: LWR(D=400.0, w_gen=0.8, levels=3),
+        lambda: RFWR(D=400.0, w_gen=0.5, input_scale=0.1, output_scale=0.05),
+        lambda: LWPR(D=400.0, w_gen=0.5, input_scale=0.1, output_scale=0.05),
+    ],
+    ids=["multi", "rfwr", "lwpr"],
+)
+def test_the_report_evaluates_every_learner_by_the_say_of_its_models(make):
+    task, rng = load_task("paper"), np.random.default_rng(3)
+    X = rng.uniform(-0.2, 0.2, (1500, 2))
+    learner = make().partial_fit(X, (task.reference_force / task.stiffness_at(X))[:, None])
+    points = task.grid(20)
     found = metrics.evaluate(skill_of(learner), points)
     np.testing.assert_allclose(found.y, learner.predict(points)[:, 0], rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(found.w_max, learner.w_max(points), rtol=1e-9)

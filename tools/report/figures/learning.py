@@ -32,7 +32,7 @@ def draw(analysis: Analysis) -> Figure:
         skill, evaluation, error = data.skills[index], analysis.evaluations[index], analysis.errors[index]
         has_model = evaluation.w_max >= data.w_th
         rows = [figure.add_subplot(grid[row, column]) for row in range(3)]
-        rows[0].set_title(f"Update {skill.update}\nt = {skill.time_s:.1f} s", pad=8, linespacing=1.35)
+        rows[0].set_title(f"{skill.title}\nt = {skill.time_s:.1f} s", pad=8, linespacing=1.35)
         pictures: tuple[tuple[FloatArray, str | Colormap, float], ...] = (
             (1e3 * evaluation.y, DISPLACEMENT, 1e3 * deepest),
             (error, ERROR, data.task.reference_force),
