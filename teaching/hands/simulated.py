@@ -1,8 +1,9 @@
 """A simulated demonstrator: sees what a person sees and acts through the force sensor alone.
 
-He teaches each object in turn along parallel lines, looks at what the skill does after each update, and then
-mops up where he remembers having been in control. In z he knows one depth for each colour from practice,
-changes to it after his reaction lag, and corrects by the force that he sees. He never reads a stiffness.
+He teaches each object in turn along parallel lines and looks at what the skill does after each update. Then
+he follows the edges of the colours, where a skill is most likely wrong, and mops up where he remembers having
+been in control. In z he knows one depth for each colour from practice, changes to it after his reaction lag
+and corrects by the force that he sees. He never reads a stiffness.
 """
 
 import math
@@ -18,6 +19,7 @@ from teaching.hands.button import Finger
 from teaching.hands.contract import HandIntent, Seen, Vector
 from teaching.hands.memory import PlaneMemory
 from teaching.hands.paths import Area, Point, Walker, raster
+from teaching.hands.screen import Screen
 
 AIR = 0.01
 """Height above the surface at which he moves before he has seen a colour [m]."""
@@ -25,6 +27,10 @@ AIR = 0.01
 
 QUICKNESS = 25.0
 """Bandwidth of his arm's motion in depth [rad/s]."""
+EDGES = (0.005, 0.015)
+"""Distances from the edge of a colour at which he follows it, in turn [m]."""
+PLACES = 6
+"""How many single places he visits between two rounds along the edges."""
 LOOK = 0.5
 """How long he looks at a place where control may have changed, before he believes it [s]."""
 
@@ -106,7 +112,7 @@ class Doing(Enum):
     EXAMINING = "examining"
     """Moving about where the skill has just taken over, to see how it does."""
     MOPPING_UP = "mopping up"
-    """Visiting the places where he remembers having been in control."""
+    """Following the edges of the colours, and visiting places where he remembers having been in control."""
 
 
 class SimulatedHand:
@@ -121,6 +127,7 @@ class SimulatedHand:
         start: Position of the handle now, in the manipulator's frame [m].
         options: His manner.
         rng: His randomness.
+        screen: The colours as he sees them; without it the areas are all that he sees.
     """
 
     def __init__(
@@ -134,8 +141,10 @@ class SimulatedHand:
         start: Vector,
         options: DemonstratorOptions,
         rng: np.random.Generator,
+        screen: Screen | None = None,
     ) -> None:
         self._areas = areas
+        self._screen = screen
         self._depths = list(depths)
         self._reference_force = reference_force
         self._to_handle = to_handle
@@ -152,6 +161,10 @@ class SimulatedHand:
         self._interrupted = Doing.TEACHING
         self._examined = 0.0
         self._looked = 0.0
+        self._has_covered = False
+        self._own_ticks = self._ticks = 0
+        self._rounds = 0
+        self._visits = 0
         self._depth = surface_z - start[2]
         self._wanted = self._depth
         self._speed = 0.0
@@ -208,16 +221,16 @@ class SimulatedHand:
 
     def _start_object(self, shift: float = 0.0) -> None:
         """Draw lines along the border to what he taught before, so that control rarely changes hands."""
-        area = self._areas[self._object]
-        path = raster(
-            area,
-            self._options.line_spacing,
-            self._options.edge_distance + shift,
-            along_x=self._lines_along_x,
-            start=self._walker.position,
-        )
+        spacing, margin = self._options.line_spacing, self._options.edge_distance + shift
+        start, along_x = self._walker.position, self._lines_along_x
+        if self._screen is None:
+            path = raster(self._areas[self._object], spacing, margin, along_x=along_x, start=start)
+        else:
+            colour = self._screen.colours[self._object]
+            path = self._screen.lines(colour, spacing, margin, along_x=along_x, start=start)
         self._walker.go(path)
         self._lines = len(path)
+        self._own_ticks = self._ticks = 0
         self.doing = Doing.APPROACHING
 
     def _decide(self, seen: Seen, dt: float) -> None:
@@ -228,7 +241,7 @@ class SimulatedHand:
         if self.doing is Doing.EXAMINING:
             self._examined += dt
             if self._examined >= self._options.examination:
-                self._next_object()
+                self._go_on()
             elif walker.is_done:
                 walker.go([self._taught[int(self._rng.integers(len(self._taught)))]])
         elif self.doing is Doing.LOOKING_BACK:
@@ -239,16 +252,27 @@ class SimulatedHand:
                 memory.dismiss()
                 self.doing = self._interrupted
                 walker.go(self._path)
+        elif self.doing is Doing.MOPPING_UP:
+            if walker.is_done:
+                self._mop_up()
         elif memory.suspects and self.doing is not Doing.APPROACHING:
             self._interrupted, self.doing = self.doing, Doing.LOOKING_BACK
             self._path = [walker.position, *walker.way_points]
             self._looked = 0.0
             walker.go([memory.look_back()])
         elif walker.is_done:
-            if self.doing is Doing.MOPPING_UP:
-                walker.go([memory.next_place(*walker.position)])
-            else:
-                self._start_object(shift=self._options.line_spacing / 2.0)
+            self._end_lines()
+        if self.doing is Doing.TEACHING:
+            self._ticks += 1
+            self._own_ticks += seen.C > 0.5
+
+    def _end_lines(self) -> None:
+        """Draw lines between the lines, unless the skill was in control along most of these."""
+        self._has_covered = True
+        if self._own_ticks < 0.5 * self._ticks:
+            self._next_object()
+        else:
+            self._start_object(shift=self._options.line_spacing / 2.0)
 
     def _examine(self) -> None:
         """See how the skill does where it has just taken over."""
@@ -258,7 +282,16 @@ class SimulatedHand:
         self.doing = Doing.EXAMINING
         self._walker.go([])
 
+    def _go_on(self) -> None:
+        """Go on with the object until all of it has been taught once, then with the next."""
+        if self._has_covered or len(self._path) < 2:
+            self._next_object()
+        else:
+            self.doing = Doing.TEACHING
+            self._walker.go(self._path)
+
     def _next_object(self) -> None:
+        self._has_covered = False
         self._object += 1
         if self._object < len(self._areas):
             before, area = self._areas[self._object - 1].centre, self._areas[self._object].centre
@@ -266,7 +299,23 @@ class SimulatedHand:
             self._start_object()
         else:
             self.doing = Doing.MOPPING_UP
-            self._walker.go([self._memory.next_place(*self._walker.position)])
+            self._mop_up()
+
+    def _mop_up(self) -> None:
+        """Follow the edges of the colours at each distance in turn, then look at single places."""
+        if self._screen is not None and self._visits == 0 and self._rounds < len(EDGES):
+            way: list[Point] = []
+            for colour in reversed(self._screen.colours):
+                way += self._screen.edge(
+                    colour, EDGES[self._rounds], way[-1] if way else self._walker.position
+                )
+            self._rounds += 1
+            if way:
+                self._walker.go(way)
+                return
+        self._rounds = 0
+        self._visits = (self._visits + 1) % PLACES
+        self._walker.go([self._memory.next_place(*self._walker.position)])
 
     def _press(self, seen: Seen, dt: float) -> None:
         """Hold the depth of the colour seen a lag ago, corrected by the force seen a lag ago."""

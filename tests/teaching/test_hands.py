@@ -253,7 +253,8 @@ def test_a_person_is_never_moved_by_the_session():
 def test_a_demonstrator_is_made_without_any_stiffness_of_the_plane():
     parameters = set(inspect.signature(SimulatedHand.__init__).parameters) - {"self"}
     assert parameters == {
-        "areas", "depths", "reference_force", "to_handle", "surface_z", "start", "options", "rng"
+        "areas", "depths", "reference_force", "to_handle", "surface_z", "start", "options", "rng",
+        "screen",
     }  # fmt: skip
     assert not [name for name in Seen._fields if "stiff" in name]
 
@@ -344,7 +345,7 @@ def test_he_examines_the_skill_after_an_update_and_then_takes_the_next_object():
     person.run(15.0)
     person.C = 0.0
     seen = {person.hand.doing}
-    for _ in range(1500):
+    for _ in range(4000):
         person.step()
         seen.add(person.hand.doing)
         if person.x > 0.02:

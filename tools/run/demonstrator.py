@@ -3,7 +3,7 @@
 import numpy as np
 
 from teaching.hands.contract import Vector
-from teaching.hands.paths import Area
+from teaching.hands.screen import Screen
 from teaching.hands.simulated import DemonstratorOptions, SimulatedHand
 from teaching.task import Task
 
@@ -44,13 +44,10 @@ def build_demonstrator(
         rng: His randomness.
         handle: Where the handle is now [m].
     """
-    half = 0.5 * task.size
-    areas = [
-        Area(max(x0, -half), min(x1, half), max(y0, -half), min(y1, half))
-        for x0, y0, x1, y1 in (thing.box for thing in task.objects)
-    ]
+    screen = Screen(task.object_at, 0.5 * task.size)
     return SimulatedHand(
-        areas=areas,
+        areas=[screen.area(colour) for colour in screen.colours],
+        screen=screen,
         depths=practised_depths(task, options.practice_error, rng) if options.practised else [FIRST_GUESS],
         reference_force=task.reference_force,
         to_handle=task.to_handle,

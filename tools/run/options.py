@@ -102,8 +102,12 @@ class MultiOptions:
     """D of a level by that of the next coarser one."""
     tolerance: float = 0.1
     """Share of the output that a prediction may miss before a finer model is made."""
+    rehearse: int = 0
+    """Remembered samples that are learned again for each new one; 0 remembers none."""
 
     def __post_init__(self) -> None:
+        if not 0 <= self.rehearse <= 100:
+            raise ConfigurationError("rehearse", f"{self.rehearse} must be 0 to 100")
         LWR(levels=self.levels, ratio=self.ratio, tolerance=self.tolerance, capacity=1)
 
 
@@ -188,6 +192,21 @@ class LearnerOptions:
                 output_scale=adapting.output_scale,
             )
         multi = self.multi
+        if self.kind is LearnerKind.MULTI and multi.rehearse:
+            from teaching.rehearsal import RehearsingLWR
+
+            return RehearsingLWR(
+                rehearse=multi.rehearse,
+                D=self.D,
+                w_gen=self.w_gen,
+                w_prune=self.w_prune,
+                lam=self.lam,
+                P0=self.P0,
+                prune=self.prune.value,
+                levels=multi.levels,
+                ratio=multi.ratio,
+                tolerance=multi.tolerance,
+            )
         return LWR(
             D=self.D,
             w_gen=self.w_gen,
