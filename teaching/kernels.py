@@ -360,18 +360,6 @@ def query_std_2d(table: FloatArray, state: FloatArray, x0: float, x1: float) -> 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def query_std_2d(table: FloatArray, state: FloatArray, x0: float, x1: float) -> tuple[float, float, float]:
-    """As :func:`query_2d`, with the standard deviation that :func:`deviation` gives as the third."""
-    X, Y = np.empty((1, 2)), np.empty((1, 1))
-    R, S = np.empty((1, 1)), np.empty((1, 1))
-    Y[0, 0], w_max = query_2d(table, state, x0, x1)
-    X[0, 0] = x0
-    X[0, 1] = x1
-    deviation(table, state, X, Y, R, S)
-    return Y[0, 0], w_max, math.sqrt(R[0, 0] + S[0, 0])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def activations(table: FloatArray, state: FloatArray, X: FloatArray, W: FloatArray) -> None:
     """Fill W, shape (n, N), with eq. (2) for X, shape (n, d); no cut-off."""
     for k in range(X.shape[0]):
