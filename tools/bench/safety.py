@@ -33,6 +33,7 @@ LOST_S = 0.1
 PULL = 20.0
 """With which the hand pulls against the position springs, so that there is a force to ramp down [N]."""
 
+_STARVED = 2
 _CEILING = 0.02
 _SLOW = 0.04
 _LAWS = "tools.bench.safety_laws"
@@ -160,9 +161,25 @@ EVENTS: dict[str, Event] = {
 def run_event(rig: Rig, event: Event) -> Stop:
     """Bring the device up, let the event strike, and measure.
 
+    An application that the machine itself kept from its heartbeat has tripped before the event; it is
+    started again, twice at most.
+
     Raises:
         LoopError: The loop did not start, or the device was not stopped.
     """
+    for _ in range(_STARVED):
+        try:
+            stop = _run_once(rig, event)
+        except LoopError as error:
+            if "heartbeat" not in str(error):
+                raise
+            continue
+        if stop.reason != "heartbeat":
+            return stop
+    return _run_once(rig, event)
+
+
+def _run_once(rig: Rig, event: Event) -> Stop:
     rig.park()
     options = LoopOptions(url=rig.url + event.query, **event.options)
     application = Application(options, engage_x=1.0, engage_y=1.0)

@@ -30,9 +30,11 @@ from hm_driver.protocol.vocabulary import ERROR_MARK, State
 from hm_driver.realtime.canary import Canary, CanaryOptions
 from hm_driver.realtime.options import LoopOptions
 from hm_driver.realtime.process import LoopProcess
+from hm_driver.realtime.scheduling import enter_realtime
 from hm_driver.realtime.setpoint import SetPoint
 
 _TICK_S = 0.01
+_PRIORITY = 60
 _START_S = 90.0
 _STOP_S = 15.0
 _CANARY_NS = 1_000_000
@@ -217,7 +219,8 @@ class Rig:
         deadline = time.monotonic() + _STOP_S
         while not (stops := self._stops(place)):
             if time.monotonic() > deadline:
-                raise LoopError(f"the device was not stopped within {_STOP_S:g} s")
+                told = application.outcome(0.0)["reason"] or "nothing"
+                raise LoopError(f"the device was not stopped within {_STOP_S:g} s; told: {told}")
             time.sleep(0.01)
         ended_ns = began_ns + int((stops[0] - struck_s + _LAG_S) * 1e9)
         stalls_s = [self._stall_s(canary, began_ns, ended_ns) for canary in self._canaries]
@@ -263,6 +266,7 @@ def main() -> None:
     try:
         with LoopProcess(options) as loop:
             loop.start()
+            enter_realtime(_PRIORITY, hold_dma_latency=False)  # as sessions do
             _say({"loop_pid": loop.pid})
             tick = 0
             while not select.select([0], [], [], 0.0)[0]:
