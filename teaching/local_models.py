@@ -120,6 +120,12 @@ class LocalModels(ABC):
         samples, born = t[layout.books + kernels.SAMPLES], t[layout.books + kernels.BORN]
         return ModelSet(centres, D, M, P, samples.astype(np.int64), born.astype(np.int64))
 
+    @property
+    def say(self) -> FloatArray:
+        """Factor of each model's weight in eq. (1), shape (N,), oldest first."""
+        gain: FloatArray = self._table[self._layout.books + kernels.GAIN, self._by_age()].copy()
+        return gain
+
     def check_parameters(self) -> list[str]:
         """Say which parameters contradict each other, and the consequence."""
         p = self._parameters
