@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from session_bench import ASSIST_STIFFNESS, DEPTH, DT, N_ACC, Teacher, plane_learner
 
 from hm_driver.errors import ConfigurationError
-from teaching.arbitration import ExistenceArbitration, Query
+from teaching.arbitration import ConfidenceArbitration, ErrorArbitration, ExistenceArbitration, Query
+from teaching.correction import Region
 from teaching.lwr import LWR
-from teaching.session import INTENTION_S, ForceFeedback, SessionOptions, Stage
+from teaching.session import INTENTION_S, Coupling, ForceFeedback, SessionOptions, Stage
 from teaching.task import Contact, Task
 
 # Stages
@@ -402,9 +403,211 @@ def test_what_the_demonstrator_sees_holds_no_stiffness(paper):
         ("autonomous_acceleration", math.nan),
         ("autonomous_spacing", 1e-9),
         ("feedback_gain", -0.5),
+        ("settling", -0.1),
+        ("stay", math.nan),
+        ("hindsight", 11.0),
+        ("flush", -1),
+        ("transient_rate", -1.0),
     ],
 )
 def test_a_value_out_of_range_names_its_field(name, value):
     with pytest.raises(ConfigurationError) as caught:
         SessionOptions(**{name: value})
     assert caught.value.field == name
+
+
+# What counts as a demonstration
+
+
+def moved(teacher, seconds, **where):
+    """Ticks on the way to another depth."""
+    return teacher.teach(seconds, velocity_z=0.1, **where)
+
+
+def test_with_hindsight_what_he_held_just_before_a_transient_is_dropped(paper):
+    teacher = Teacher(paper, n_acc=1000, hindsight=20)
+    teacher.teach(0.5)
+    assert teacher.ticks[-1].accumulated == 30
+    moved(teacher, 0.1)
+    assert teacher.ticks[-1].accumulated == 30
+    assert teacher.teach(0.25)[-1].accumulated == 35
+
+
+def test_what_waits_is_learned_once_nothing_speaks_against_it(paper):
+    learner = LWR(D=400.0)
+    learner.partial_fit(np.zeros((5, 2)), np.full((5, 1), DEPTH))
+    teacher = Teacher(paper, n_acc=1000, hindsight=20, learner=learner, flush=1)
+    teacher.teach(0.5, x=0.15, y=0.0)
+    teacher.teach(0.5, x=0.0, y=0.0)
+    update = next(tick.update for tick in teacher.ticks if tick.update)
+    assert update.learner.n_samples == 5 + sum(tick.recorded for tick in teacher.ticks)
+
+
+def test_after_a_take_over_no_sample_is_taken_for_a_while(paper):
+    learner = LWR(D=400.0)
+    learner.partial_fit(np.zeros((5, 2)), np.full((5, 1), DEPTH))
+    teacher = Teacher(paper, n_acc=1000, learner=learner, settling=0.2)
+    assert teacher.tick(x=0.15, y=0.0).recorded
+    teacher.teach(0.5, x=0.0, y=0.0)
+    ticks = teacher.teach(1.0, x=0.15, y=0.0)
+    alone = next(i for i, tick in enumerate(ticks) if tick.C == 1.0)
+    first = next(i for i, tick in enumerate(ticks) if tick.recorded)
+    assert (first - alone) * DT == pytest.approx(0.2, abs=1.5 * DT)
+
+
+@pytest.mark.parametrize(("flush", "updates"), [(0, 0), (30, 1), (60, 0)])
+def test_a_hand_over_to_the_skill_learns_what_there_is_if_it_is_enough(paper, flush, updates):
+    learner = LWR(D=400.0)
+    learner.partial_fit(np.zeros((5, 2)), np.full((5, 1), DEPTH))
+    teacher = Teacher(paper, n_acc=1000, learner=learner, flush=flush)
+    teacher.teach(0.5, x=0.15, y=0.0)
+    ticks = teacher.teach(0.5, x=0.0, y=0.0)
+    assert teacher.session.updates == updates
+    assert ticks[-1].accumulated == (0 if updates else 50)
+
+
+def test_control_can_be_made_to_stay_with_the_human(paper):
+    learner = LWR(D=400.0)
+    learner.partial_fit(np.zeros((5, 2)), np.full((5, 1), DEPTH))
+    for stay, hand_overs in ((0.0, 7), (5.0, 2)):
+        teacher = Teacher(paper, n_acc=10_000, learner=learner.copy(), stay=stay, hand_over=0.1)
+        for k in range(8):
+            teacher.teach(0.5, x=0.0 if k % 2 == 0 else 0.15, y=0.0)
+        assert teacher.session.hand_overs == pytest.approx(hand_overs, abs=1)
+
+
+# A stalled machine
+
+
+@given(st.floats(0.03, 3.0), st.integers(0, 400))
+@settings(max_examples=20, deadline=None)
+def test_after_a_stall_the_set_point_goes_on_by_no_more_than_two_ticks(paper, stall, when):
+    teacher = Teacher(paper, learner=plane_learner(), autonomous_spacing=0.1)
+    teacher.session.request_autonomy()
+    teacher.teach(0.5)
+    for _ in range(when):
+        follow(teacher)
+    before = teacher.ticks[-1].set_point
+    after = follow(teacher, dt=stall).set_point
+    way = math.hypot(after.target_x - before.target_x, after.target_y - before.target_y)
+    assert way <= 0.15 / min(paper.scale[:2]) * 2.0 * DT + 1e-9
+    assert math.hypot(after.velocity_x, after.velocity_y) <= 0.15 / min(paper.scale[:2]) + 1e-9
+
+
+def follow(teacher, **more):
+    u = teacher.ticks[-1].set_point
+    x, y, z = teacher.task.to_manipulator(u.target_x, u.target_y, u.target_z)
+    return teacher.tick(x, y, teacher.task.surface_z - z, **more)
+
+
+def test_a_stall_counts_as_time_but_does_not_hasten_a_hand_over(paper):
+    teacher = Teacher(paper, learner=plane_learner(), practice=1.0, hand_over=0.3)
+    teacher.teach(0.5)
+    tick = teacher.tick(dt=5.0)
+    assert tick.stage is Stage.TEACHING
+    assert tick.C == pytest.approx(1.0 - 0.02 / 0.3)
+    teacher = Teacher(paper, give_up=3.0)
+    teacher.teach(0.5)
+    assert teacher.tick(dt=5.0).stage is Stage.AUTONOMOUS
+
+
+# The uncoupled variant
+
+
+def test_uncoupled_the_handle_stays_free_and_the_blend_moves_the_manipulator(paper):
+    teacher = Teacher(paper, learner=plane_learner(0.08), coupling=Coupling.UNCOUPLED, n_acc=10_000)
+    for tick in teacher.teach(1.0, depth=0.03, force_z=-5.0):
+        assert (tick.set_point.assist, tick.set_point.engage_z) == (1.0, 0.0)
+        assert tick.y_demo == tick.y_handle == pytest.approx(0.03)
+        assert tick.depth == tick.y_cmd == pytest.approx(tick.C * 0.03 + (1.0 - tick.C) * tick.y_robot)
+        assert tick.force == pytest.approx(tick.stiffness * tick.y_cmd)
+        assert tick.seen.is_free
+        assert tick.seen.force == tick.force
+    assert tick.C == 0.0
+    assert tick.force == pytest.approx(0.08 * tick.stiffness, rel=1e-3)
+
+
+def test_uncoupled_the_autonomous_run_moves_handle_and_manipulator(paper):
+    teacher = Teacher(paper, learner=plane_learner(0.08), coupling=Coupling.UNCOUPLED)
+    teacher.session.request_autonomy()
+    teacher.teach(0.5)
+    tick = teacher.ticks[-1]
+    assert tick.set_point.engage_z == tick.set_point.engage_x == 1.0
+    assert tick.set_point.assist == 0.0
+    assert tick.depth == tick.y_cmd == pytest.approx(0.08, rel=1e-3)
+
+
+# Gradual arbitrations
+
+
+@pytest.mark.parametrize("coupling", Coupling)
+def test_with_a_gradual_arbitration_samples_are_taken_while_both_act(paper, coupling):
+    arbitration = ErrorArbitration(alone=1.0, done=0.2, memory=5.0)
+    teacher = Teacher(
+        paper, learner=plane_learner(0.08), coupling=coupling, arbitration=arbitration, n_acc=10_000
+    )
+    ticks = teacher.teach(2.0, depth=0.05)
+    assert {tick.C == 1.0 for tick in ticks} == {True, False}
+    between = [tick for tick in ticks if 0.0 < tick.C < 1.0]
+    assert len(between) > 100
+    assert all(tick.recorded for tick in between)
+
+
+def test_nothing_is_taken_once_the_skill_alone_acts(paper):
+    teacher = Teacher(
+        paper, learner=plane_learner(), coupling=Coupling.UNCOUPLED, arbitration=ErrorArbitration()
+    )
+    assert teacher.teach(2.0)[-1].C == 0.0
+    assert not teacher.tick().recorded
+
+
+def test_an_arbitration_with_a_state_learns_from_the_ticks_of_teaching_alone(paper):
+    seen = []
+
+    class Listening(ErrorArbitration):
+        def observe(self, observation):
+            seen.append(observation)
+
+    teacher = Teacher(paper, practice=0.5, arbitration=Listening())
+    teacher.teach(0.6)
+    teacher.session.request_autonomy()
+    teacher.teach(0.2)
+    ticks = [tick for tick in teacher.ticks if tick.stage is Stage.TEACHING]
+    assert [(o.x, o.C, o.y_demo, o.force) for o in seen] == [
+        (tick.x, tick.C, tick.y_demo, tick.force) for tick in ticks
+    ]
+
+
+# Doubt
+
+
+def test_with_doubt_autonomy_waits_until_the_skill_is_sure_of_itself(paper):
+    rng = np.random.default_rng(5)
+    learner = plane_learner()
+    learner.partial_fit(rng.uniform(-0.2, 0.2, (1500, 2)), rng.uniform(0.01, 0.15, (1500, 1)))
+    for arbitration, autonomous in ((ExistenceArbitration(), True), (ConfidenceArbitration(), False)):
+        teacher = Teacher(paper, learner=learner.copy(), arbitration=arbitration, examination=0.1, flush=1)
+        teacher.teach(0.3)
+        teacher.session.forget(Region(0.05, 0.05, 0.02))
+        teacher.teach(3.0)
+        assert teacher.session.updates > 0
+        assert (teacher.ticks[-1].stage is Stage.AUTONOMOUS) == autonomous
+    assert 0.0 < teacher.ticks[-1].std < math.inf
+
+
+def test_the_doubt_of_the_whole_plane_is_asked_for_over_many_ticks(paper):
+    class Asked(LWR):
+        queries = [0]  # noqa: RUF012  # shared with the copy that learns
+
+        def query_std(self, *place):
+            self.queries[0] += 1
+            return super().query_std(*place)
+
+    teacher = Teacher(paper, learner=Asked(), arbitration=ConfidenceArbitration())
+    most = 0
+    for _ in range(300):
+        before = Asked.queries[0]
+        teacher.tick()
+        most = max(most, Asked.queries[0] - before)
+    assert teacher.session.updates > 0
+    assert most <= 100
