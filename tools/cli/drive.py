@@ -70,8 +70,9 @@ def drive(
     from tools.cli.failures import ExitCode
     from tools.drive import language
     from tools.drive.console import Console
+    from tools.drive.showing import stay
     from tools.drive.surface import Context
-    from tools.drive.words import build_words, carry_out, check, needs_device, stay
+    from tools.drive.words import build_words, carry_out, check, needs_device
 
     options = _options(config, set_ or [], control)
     table = build_words(options)
@@ -128,8 +129,8 @@ def _is_bounded(line: list[str]) -> bool:
 
 def _options(config: Path | None, overrides: list[str], control: str | None) -> "DriveOptions":
     from tools.config import load, parse_overrides
+    from tools.drive.mode_words import CONTROLS
     from tools.drive.options import DriveOptions
-    from tools.drive.words import CONTROLS
 
     options = load(DriveOptions, config, parse_overrides(overrides))
     if control is None:

@@ -75,6 +75,13 @@ class Argument:
         return f"a number in {self.unit}" if self.unit else "a number"
 
 
+def number(name: str, doc: str, unit: str, low: float, high: float, *, refused: bool = True) -> Argument:
+    """An argument that is a number with a unit and a range."""
+    return Argument(
+        name=name, doc=doc, is_number=True, unit=unit, low=low, high=high, is_range_checked=refused
+    )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Option:
     """Something that may be said beside the arguments: ``--speed 0.1``, or ``--json`` alone."""

@@ -93,3 +93,13 @@ def _hint(geometry: ArmGeometry) -> str:
         f"straight ahead x may be {low:g} to {high:g} m, z {geometry.z_min:g} to {geometry.z_max:g} m "
         "('limits' shows all)"
     )
+
+
+def bounding_box(geometry: ArmGeometry) -> tuple[Vector, Vector]:
+    """Lowest and highest coordinates of the workspace [m]."""
+    inner, outer = geometry.r0 + geometry.r_min, geometry.r0 + geometry.r_max
+    widest = max(abs(geometry.phi_min), abs(geometry.phi_max))
+    return (
+        (inner * math.cos(widest) - geometry.r0, outer * math.sin(geometry.phi_min), geometry.z_min),
+        (geometry.r_max, outer * math.sin(geometry.phi_max), geometry.z_max),
+    )
