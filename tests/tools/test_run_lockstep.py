@@ -19,6 +19,7 @@ from hm_driver.errors import SafetyTrip
 from hm_driver.realtime.modes import LimitOptions, ModeOptions
 from hm_driver.recording.reader import Recording
 from hm_driver.recording.recorder import RecorderProcess
+from teaching.correction import CorrectionOptions
 from teaching.hands.simulated import DemonstratorOptions
 from teaching.kernels import warm_up
 from teaching.session import ForceFeedback, SessionOptions, Stage
@@ -287,6 +288,31 @@ def test_the_user_can_begin_the_autonomous_run_from_the_view(tmp_path):
 # Bumpless
 
 
+@pytest.fixture(scope="module")
+def corrected(tmp_path_factory):
+    """Log of a session in which the human forgets, undoes and insists at any time."""
+    warm_up()
+    rng = np.random.default_rng(6)
+    wishes = ("forget", "forget_all", "undo", "undo", "discard")
+
+    def ask(_, session):
+        if session.stage is Stage.TEACHING and rng.random() < 0.01:
+            getattr(session, str(rng.choice(wishes)))()
+
+    options = dataclasses.replace(
+        OPTIONS,
+        correction=CorrectionOptions(insist_force=0.5, insist_time=0.05, hold=0.2),
+        session=dataclasses.replace(OPTIONS.session, flush=20, samples_per_tick=100),
+    )
+    path = run(tmp_path_factory.mktemp("corrected"), react=ask, options=options).log
+    with Recording(path) as log:
+        told = log.columns("/events")["name"].tolist()
+        C = log.columns("/teaching/arbitration")["C"]
+    assert {"forget", "undo", "insist"} <= set(told)
+    assert np.count_nonzero(np.diff(C == 1.0)) > 4
+    return path
+
+
 class Motion:
     """A log of the loop, with the parts of which the commanded forces change from cycle to cycle."""
 
@@ -330,9 +356,10 @@ POSITION = (MODES.position_stiffness, MODES.damping(MODES.position_stiffness, MO
 ASSIST = (MODES.assist_stiffness, MODES.damping(MODES.assist_stiffness, MODES.assist_damping_ratio))
 
 
-@pytest.fixture(scope="module", params=SEEDS)
+@pytest.fixture(scope="module", params=[*SEEDS, "corrected"])
 def motion(request, session):
-    return Motion(session(request.param))
+    is_seed = request.param in SEEDS
+    return Motion(session(request.param) if is_seed else request.getfixturevalue(request.param))
 
 
 @pytest.mark.parametrize("axis", "xyz")

@@ -6,18 +6,23 @@ import numpy as np
 import pytest
 
 from hm_driver.errors import ConfigurationError
+from hm_driver.realtime.setpoint import LoopState
 from teaching.session import Stage
 from teaching.task_file import load_task
 from tools.config import load
 from tools.config_text import to_dict, to_toml
 from tools.run.demonstrator import FIRST_GUESS, build_demonstrator, practised_depths
+from tools.run.methods import PRESETS, Method
 from tools.run.options import (
     AccumulationOptions,
+    ArbitrationKind,
     ArbitrationOptions,
+    LearnerKind,
     LearnerOptions,
     PruneRule,
     TeachOptions,
     build_session,
+    load_options,
 )
 from tools.run.request import TeachRequest
 
@@ -38,6 +43,13 @@ WRONG = [
     ("accumulation", "downsample", 0),
     ("accumulation", "downsample", 1001),
     ("session", "practice", -1.0),
+    ("session", "hindsight", -0.1),
+    ("correction", "radius", 0.0),
+    ("learner.multi", "levels", 0),
+    ("learner.adaptation", "tau", 2.0),
+    ("arbitration.error", "memory", 0.0),
+    ("arbitration.success", "tolerance", -1.0),
+    ("arbitration.success", "high", 1.0),
     ("demonstrator", "speed", 0.0),
     ("modes", "inertia", 1.0),
     ("limits", "velocity_trip", 0.5),
@@ -188,3 +200,78 @@ def test_the_demonstrator_is_handed_areas_and_depths_but_no_task():
     assert not stiffness & {value for value in held if not math.isclose(value, 0.0)}
     assert len(hand._areas) == len(hand._depths) == len(task.objects)
     assert not [value for value in vars(hand).values() if value is task or value in task.objects]
+
+
+# Methods
+
+
+@pytest.mark.parametrize("method", Method)
+def test_every_method_can_be_loaded_and_built_and_contradicts_nothing(method):
+    merged = load_options(None, {"method": method.value})
+    assert merged.value.method is method
+    assert merged.value.warnings() == []
+    session = build_session(merged.value, load_task("paper"), np.random.default_rng(1))
+    assert session.learner.n_models == 0
+    for key in PRESETS[method.value]:
+        assert merged.sources[key] == f"method {method.value}"
+
+
+def test_the_method_of_the_paper_is_the_default_and_its_options_are_the_defaults():
+    assert load_options().value == load_options(None, {"method": "paper"}).value == TeachOptions()
+
+
+def test_what_a_file_or_the_command_line_gives_stands_above_the_method(tmp_path):
+    path = tmp_path / "own.toml"
+    path.write_text('method = "confident"\n[arbitration]\ndoubt = 0.4\n[session]\nflush = 7\n')
+    merged = load_options(path, {"session.flush": "8"})
+    options = merged.value
+    assert options.method is Method.CONFIDENT
+    assert options.arbitration.kind is ArbitrationKind.CONFIDENCE
+    assert (options.arbitration.doubt, options.session.flush) == (0.4, 8)
+    assert merged.sources["arbitration.doubt"] == str(path)
+    assert merged.sources["arbitration.kind"] == "method confident"
+    assert load_options(path, {"method": "paper"}).value.arbitration.kind is ArbitrationKind.PAPER
+
+
+def test_the_configuration_of_a_method_survives_its_own_file(tmp_path):
+    options = load_options(None, {"method": "confident"}).value
+    path = tmp_path / "config.toml"
+    path.write_text(to_toml(options))
+    assert load_options(path).value == options
+
+
+def test_a_misspelt_method_is_refused_with_a_suggestion():
+    with pytest.raises(ConfigurationError, match="did you mean confident"):
+        load_options(None, {"method": "confidant"})
+
+
+@pytest.mark.parametrize("learner", LearnerKind)
+@pytest.mark.parametrize("arbitration", ArbitrationKind)
+def test_every_learner_goes_with_every_arbitration(learner, arbitration):
+    task = load_task("paper")
+    overrides = {"learner.kind": learner.value, "arbitration.kind": arbitration.value}
+    session = build_session(load_options(None, overrides).value, task, np.random.default_rng(1))
+    x, y, z = task.to_handle(0.05, 0.05, -0.03)
+    for _ in range(500):
+        tick = session.tick(LoopState(measured_x=x, measured_y=y, measured_z=z), 0.01)
+    assert 0.0 <= tick.C <= 1.0
+    assert tick.stage is Stage.TEACHING
+
+
+@pytest.mark.parametrize(
+    ("overrides", "told"),
+    [
+        ({"arbitration.kind": "error"}, "uncoupled"),
+        ({"arbitration.kind": "success"}, "uncoupled"),
+        ({"session.coupling": "uncoupled", "correction.insist_force": "8"}, "has no effect"),
+    ],
+)
+def test_what_does_not_go_together_is_told_with_its_consequence(overrides, told):
+    (text,) = load_options(None, overrides).value.warnings()
+    assert told in text
+
+
+def test_the_buffer_waits_as_long_as_hindsight_asks():
+    options = load_options(None, {"session.hindsight": "0.25"}).value
+    session = build_session(options, load_task("paper"), np.random.default_rng(1))
+    assert session._accumulator.hindsight == 25
