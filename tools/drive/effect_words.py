@@ -168,11 +168,12 @@ def _setting(kind: ObjectType, text: str) -> tuple[str, Value]:
             f"has no {key!r}{suggestion(key, kind.parameters).rstrip('?')}; "
             f"accepted: {' '.join(kind.parameters)}",
         )
+    parameter = kind.parameters[key]
     try:
-        return key, kind.parameters[key].check_form(parse_value(shown.replace(" ", "")))
+        return key, parameter.check_form(parse_value(shown.replace(" ", "")))
     except ProtocolError as error:
         raise ConfigurationError(
-            f"effect {kind.name} {key}", f"{error}; accepted: {kind.parameters[key].expected()}"
+            f"effect {kind.name} {key}", f"{shown!r} is out of form; accepted: {parameter.expected()}"
         ) from error
 
 

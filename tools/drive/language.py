@@ -211,15 +211,21 @@ def read(word: Word[C], given: Sequence[str]) -> Call:
     for argument in word.arguments:
         if argument.is_repeated:
             rest, plain = tuple(plain), []
+            if not rest and not argument.is_optional:
+                raise _missing(word, argument)
             for text in rest:
                 argument.read(f"{word.name} {argument.name}", text)
         elif plain:
             values[argument.name] = argument.read(f"{word.name} {argument.name}", plain.pop(0))
         elif not argument.is_optional:
-            raise ConfigurationError(word.name, f"{argument.name} is missing; usage: {word.usage}")
+            raise _missing(word, argument)
     if plain:
         raise ConfigurationError(word.name, f"{plain[0]!r} is too much; usage: {word.usage}")
     return Call(word.name, values, rest)
+
+
+def _missing(word: Word[C], argument: Argument) -> ConfigurationError:
+    return ConfigurationError(word.name, f"{argument.name} is missing; usage: {word.usage}")
 
 
 def _read_option(word: Word[C], token: str, waiting: list[str], values: dict[str, str | float]) -> None:

@@ -131,7 +131,7 @@ class Explainer:
     def _explain_unknown(self, words: list[str], text: str) -> str:
         if not words or words[0] not in VERBS:
             verb = words[0] if words else ""
-            return f"{verb!r} is no verb{suggestion(verb, VERBS)} Accepted: {' '.join(VERBS)}"
+            return f"{verb!r} is no verb{_near(verb, VERBS)}; accepted: {' '.join(VERBS)}"
         if words[0] == "get" and len(words) == 2:
             return (
                 f"{words[1]!r} is no quantity{_near(words[1], QUANTITIES)}; accepted: {' '.join(QUANTITIES)}"

@@ -127,7 +127,7 @@ def test_questions_are_told_from_commands():
     ("line", "answers", "told"),
     [
         ("get measpoz", {}, "'measpoz' is no quantity: did you mean measpos; accepted: state"),
-        ("gett state", {}, "'gett' is no verb; did you mean get? Accepted: get set create"),
+        ("gett state", {}, "'gett' is no verb: did you mean get; accepted: get set create"),
         ("create sprin s2", {}, "'sprin' is no type: did you mean spring; accepted: spring damper"),
         ("set state forse", {}, "'forse' is no state: did you mean force; accepted: off init stop"),
         ("set inertai 4", {}, "'inertai' is nothing that can be set: did you mean inertia"),

@@ -49,6 +49,7 @@ def test_a_line_is_split_into_commands(line, expected):
         ("inertia 1", "inertia MASS: 1 kg is out of range: 2 to 20 kg"),
         ("hold x w", "hold AXIS: 'w' is none of x y z"),
         ("mode force", "mode MODE: 'force' is none of admittance position"),
+        ("raw", "raw: COMMAND is missing; usage: raw COMMAND ..."),
         ("wait 1_0", "wait S: '1_0' is no number"),
     ],
 )
