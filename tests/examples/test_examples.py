@@ -13,10 +13,23 @@ from emulator.process import Emulator
 ROOT = Path(__file__).parents[2]
 
 
+_NOTHING = (0.0, 0.0, 0.0)
+PUSH = {"position": _NOTHING, "stiffness": _NOTHING, "damping": (30.0,) * 3, "force": (0.0, 0.0, 4.0)}
+
+
 @pytest.fixture(scope="module")
 def emulator():
     with Emulator(init_seconds=0.3) as emulator:
         yield emulator
+
+
+def patiently(attempt):
+    """Run what a shared machine may keep from its heartbeat again; three times at most."""
+    for _ in range(2):
+        done = attempt()
+        if "heartbeat" not in done.stderr:
+            return done
+    return attempt()
 
 
 def run(name, *arguments):
@@ -35,33 +48,68 @@ def test_hold_moves_the_arm_and_holds_it(emulator):
 
 
 def test_the_control_law_lets_the_arm_move_inside_its_box_and_holds_it_at_the_wall(emulator):
-    with emulator.connect_world() as world:
-        start = world.observe().position
-        process = subprocess.Popen(  # our own example
-            [sys.executable, str(ROOT / "examples" / "control_law.py"), emulator.url, "3"],
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        )  # fmt: skip
-        while world.observe().state != "force":
-            assert process.poll() is None, process.stderr.read()
-            time.sleep(0.01)
-        time.sleep(0.3)
-        nothing = (0.0, 0.0, 0.0)
-        world.exchange(
-            {"position": nothing, "stiffness": nothing, "damping": (30.0,) * 3, "force": (0.0, 0.0, 4.0)}
-        )
-        time.sleep(1.5)
-        reached = world.observe().position[2] - start[2]
-        world.release()
-        told, errors = process.communicate(timeout=60)
-    assert process.returncode == 0, errors
-    assert 0.009 < reached < 0.013
-    assert "cycles" in told
+    reached = []
+
+    def attempt():
+        with emulator.connect_world() as world:
+            start = world.observe().position
+            command = [sys.executable, str(ROOT / "examples" / "control_law.py"), emulator.url, "3"]
+            process = subprocess.Popen(  # our own example
+                command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            )
+            while world.observe().state != "force" and process.poll() is None:
+                time.sleep(0.01)
+            time.sleep(0.3)
+            world.exchange(PUSH)
+            time.sleep(1.5)
+            reached.append(world.observe().position[2] - start[2])
+            world.release()
+            told, errors = process.communicate(timeout=60)
+            return subprocess.CompletedProcess(command, process.returncode, told, errors)
+
+    done = patiently(attempt)
+    assert done.returncode == 0, done.stderr
+    assert 0.009 < reached[-1] < 0.013
+    assert "cycles" in done.stdout
+
+
+def blocks(document, start):
+    text = (ROOT / document).read_text(encoding="utf-8")
+    return [block for block in re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL) if start in block]
 
 
 def test_the_readme_s_first_lines_from_python_run(capsys):
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"```python\n(import hm_driver\n.*?)```", text, flags=re.DOTALL)
-    assert blocks
-    assert len(blocks[0].strip().splitlines()) <= 10
-    exec(compile(blocks[0].replace("tcp://127.0.0.1:7654", "sim://?init_seconds=0.2"), "README.md", "exec"))  # noqa: S102  # what the README tells users to run
+    (block,) = blocks("README.md", "hm_driver.connect")
+    assert len(block.strip().splitlines()) <= 10
+    execute(block.replace("tcp://127.0.0.1:7654", "sim://?init_seconds=0.2"), "README.md")
     assert capsys.readouterr().out
+
+
+def test_the_client_of_the_driver_s_page_runs(capsys):
+    (block,) = blocks("docs/driver.md", "hm_driver.connect")
+    assert len(block.strip().splitlines()) <= 10
+    execute(block.replace("tcp://127.0.0.1:7654", "sim://?init_seconds=0.2"), "driver.md")
+    assert "Measurement(position=" in capsys.readouterr().out
+
+
+def test_the_loop_of_the_driver_s_page_moves_the_arm(emulator, tmp_path):
+    (block,) = blocks("docs/driver.md", "LoopProcess(")
+    program = tmp_path / "loop.py"
+    program.write_text(block.replace("tcp://127.0.0.1:7654", emulator.url))
+    moved = []
+
+    def attempt():
+        with emulator.connect_world() as world:
+            before = world.observe().position[2]
+            done = subprocess.run(  # what the page tells users to run
+                [sys.executable, str(program)], capture_output=True, text=True, timeout=120, check=False
+            )
+            moved.append(world.observe().position[2] - before)
+            return done
+
+    assert patiently(attempt).stderr == ""
+    assert moved[-1] == pytest.approx(0.03, abs=5e-3)
+
+
+def execute(source, name):
+    exec(compile(source, name, "exec"), {})  # noqa: S102  # what a document tells users to run

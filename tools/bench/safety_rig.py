@@ -83,6 +83,10 @@ class Stop(NamedTuple):
         return max(0.0, self.latency_s - self.stall_s)
 
 
+class StarvedError(LoopError):
+    """The machine kept the loop or the application from its work before the event."""
+
+
 class Application:
     """A process with a loop and a guardian, publishing set-points 100 times a second.
 
@@ -211,8 +215,11 @@ class Rig:
             tells: Whether the application can still tell what ended its loop.
 
         Raises:
+            StarvedError: The arm had been stopped before.
             LoopError: The device was not stopped within 15 s.
         """
+        if self.world.observe().state != "force":
+            raise StarvedError(f"stopped before the event: {application.outcome(1.0)['reason']}")
         place = self._log.stat().st_size
         began_ns = time.monotonic_ns()
         struck_s = event_s = strike(self, application)
