@@ -18,7 +18,7 @@ from hm_driver.realtime.scheduling import Rung, enter_realtime, prepare_process
 from hm_driver.realtime.shared import SharedBlock
 from hm_driver.realtime.trace import Trace, TracePoint, trace_size
 
-_START_S = 10.0
+_START_S = 30.0
 _PARENT_EVERY_NS = 100_000_000
 
 
