@@ -10,6 +10,7 @@ from hm_driver.protocol.framing import MAX_REPLY_LENGTH, Dialect, ReplyDecoder, 
 from hm_driver.protocol.replies import is_error, parse_number, parse_word, split_parts
 from hm_driver.protocol.vocabulary import ERROR_MARK
 from hm_driver.transport.contract import LinkStatistics, Transport
+from hm_driver.transport.tcp import TcpTransport
 from hm_driver.transport.urls import DeviceUrl, open_transport, parse_device_url
 
 _log = logging.getLogger(__name__)
@@ -21,6 +22,7 @@ LONGEST_REQUEST = 1000
 """Characters that `CommandLink.exchange_many` puts into one request; the device's limit is not known."""
 
 _PARTS_OF_PATIENCE = 5
+_LONGEST_LINE = 8192
 
 
 class CommandLink:
@@ -54,6 +56,9 @@ class CommandLink:
         self._decoder = ReplyDecoder(dialect)
         self._in_flight = threading.Lock()
         self._is_line_due = False
+        self._line_timeout_s = -1.0
+        self._sendall: Callable[[bytes], object] = transport.send
+        self._recv: Callable[[int], bytes] = transport.receive
         self._broken_by = ""
 
     @property
@@ -90,6 +95,7 @@ class CommandLink:
             data = encode_request(self.dialect, request)
             if self._is_line_due:
                 self.receive_line()
+            self._line_timeout_s = -1.0
             try:
                 self._transport.send(data)
                 reply = self._receive_reply(self.timeout_s if timeout_s is None else timeout_s)
@@ -117,8 +123,8 @@ class CommandLink:
         """Send one line of the text dialect as it stands on the wire; the loop's short way.
 
         Line and reply carry their line end. Nothing else is looked at: neither the dialect, nor what the
-        reply says, nor whether another thread uses the link. What `receive_line` did not fetch is dropped by
-        the next `exchange`.
+        reply says, nor whether another thread uses the link; what goes over a socket is not counted. What
+        `receive_line` did not fetch is dropped by the next `exchange`.
 
         Raises:
             TransportTimeout: The device took nothing in time; the link is broken.
@@ -126,12 +132,17 @@ class CommandLink:
         """
         if self._broken_by:
             raise TransportClosed(f"{self.url}: the link is closed ({self._broken_by}); reconnect")
+        if self.timeout_s != self._line_timeout_s:
+            self._find_short_way()
         self._is_line_due = True
         try:
-            self._transport.send(line)
+            self._sendall(line)
         except TransportError as error:
             self._break(str(error))
             raise
+        except OSError as error:
+            self._break(str(error))
+            raise TransportClosed(f"{self.url}: connection lost: {error}; reconnect") from error
 
     def receive_line(self) -> bytes:
         """Return the line that answers the one that was sent last.
@@ -146,9 +157,13 @@ class CommandLink:
         """
         try:
             try:
-                reply = self._transport.receive(self.timeout_s / _PARTS_OF_PATIENCE)
-            except TransportTimeout:
+                reply = self._recv(_LONGEST_LINE)
+            except (TransportTimeout, BlockingIOError):
                 reply = self._receive_patiently(_PARTS_OF_PATIENCE - 1)
+            except OSError:
+                reply = b""
+            if not reply:
+                reply = self._transport.receive(0.0)  # says what is wrong
             if reply.find(b"\n") != len(reply) - 1:
                 reply = self._complete_line(reply)
         except (TransportError, ProtocolError) as error:
@@ -232,11 +247,21 @@ class CommandLink:
             self._transport = transport
             self._decoder = ReplyDecoder(self.dialect)
             self._is_line_due = False
+            self._line_timeout_s = -1.0
             self._broken_by = ""
 
     def close(self) -> None:
         """Close the link, from any thread; closing again does nothing."""
         self._break("it was closed")
+
+    def _find_short_way(self) -> None:
+        """Take the socket's own calls where the link has one."""
+        transport, self._line_timeout_s = self._transport, self.timeout_s
+        part_s = self.timeout_s / _PARTS_OF_PATIENCE
+        if isinstance(transport, TcpTransport):
+            self._sendall, self._recv = transport.socket_calls(part_s)
+        else:
+            self._sendall, self._recv = transport.send, lambda _size: transport.receive(part_s)
 
     def _break(self, reason: str) -> None:
         self._broken_by = self._broken_by or reason

@@ -30,6 +30,9 @@ BIAS_COMMAND = f"set {BIAS_NAME} force [%g,%g,%g]"
 """What sets the bias force."""
 
 
+_X, _Y, _Z, _ASSIST = (spring * SPRING_STRIDE + PHASE for spring in range(SPRINGS))
+
+
 class EffectCommands:
     """Turns the state of the springs and the bias force into the commands of one cycle.
 
@@ -41,7 +44,7 @@ class EffectCommands:
             device's are then left alone.
     """
 
-    __slots__ = ("_bias", "_enabled", "_sent", "_sets", "_springs", "_texts")
+    __slots__ = ("_bias", "_enabled", "_has_enabled", "_sent", "_sets", "_springs", "_texts")
 
     def __init__(self, *, are_springs_ours: bool = False) -> None:
         self._springs = (ASSIST,) if are_springs_ours else (0, 1, 2, ASSIST)
@@ -50,6 +53,7 @@ class EffectCommands:
         self._sent = [nothing] * (SPRINGS * SPRING_STRIDE)
         self._texts = [""] * (SPRINGS * SPRING_STRIDE)
         self._enabled = [False] * SPRINGS
+        self._has_enabled = False
         self._bias = (0.0, 0.0, 0.0)
 
     def resume(self, told: list[float], enabled: list[bool], bias: tuple[float, float, float]) -> None:
@@ -63,11 +67,21 @@ class EffectCommands:
         self._sent[:] = told
         self._texts[:] = ["%g" % value for value in told]  # noqa: UP031  # as below
         self._enabled[:] = enabled
+        self._has_enabled = any(enabled)
         self._bias = bias
 
     def changes(self, s: list[float]) -> list[str]:
         """Commands that bring the device from what it was told last to the state ``s`` of the cycle."""
         changes: list[str] = []
+        if self._has_enabled or s[_X] or s[_Y] or s[_Z] or s[_ASSIST]:
+            self._change_springs(s, changes)
+        bias = (s[S_PUSH], s[S_PUSH + 1], s[S_PUSH + 2])
+        if bias != self._bias:
+            self._bias = bias
+            changes.append(BIAS_COMMAND % bias)  # as %g is the wire's
+        return changes
+
+    def _change_springs(self, s: list[float], changes: list[str]) -> None:
         enabled = self._enabled
         for spring in self._springs:
             base = spring * SPRING_STRIDE
@@ -76,11 +90,7 @@ class EffectCommands:
             elif enabled[spring]:
                 enabled[spring] = False
                 changes.append(self._sets[spring][4])
-        bias = (s[S_PUSH], s[S_PUSH + 1], s[S_PUSH + 2])
-        if bias != self._bias:
-            self._bias = bias
-            changes.append(BIAS_COMMAND % bias)  # as %g is the wire's
-        return changes
+        self._has_enabled = any(enabled)
 
     def _move(self, spring: int, s: list[float], base: int, changes: list[str]) -> None:
         sets, sent, texts = self._sets[spring], self._sent, self._texts

@@ -187,6 +187,7 @@ class LoopCore:
     def finish(self) -> None:
         """Leave the records and statistics of the last cycle; behind it the counts add up."""
         self._publisher.keep()
+        self._publisher.finish()
 
     def stop(self) -> None:
         """Begin the gentle release: the forces go down at the rate of every hand-over."""

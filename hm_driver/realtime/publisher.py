@@ -13,6 +13,8 @@ from hm_driver.recording.schemas import EVENT, EVENT_LEVELS, EVENTS_CHANNEL, LOO
 # Plain integers: an enumeration's member costs a look-up in every cycle.
 _CYCLES, _MISSED, _LENGTH = int(Word.CYCLES), int(Word.MISSED), int(Word.GRID_LENGTH)
 _EXCHANGES, _SOFT_OVERRUNS = int(Word.EXCHANGES), int(Word.SOFT_OVERRUNS)
+_KEPT = 8
+"""Cycles whose durations are entered at a time."""
 _BUNDLE_ID, _BUNDLE_SIZE = LOOP_BUNDLE.id, LOOP_BUNDLE.size
 
 _SPRINGS = slice(0, cycle.ASSIST * cycle.SPRING_STRIDE + 1)
@@ -36,8 +38,8 @@ class Recording(NamedTuple):
 class Publisher:
     """Publishes after each cycle.
 
-    The newest state is published at once. What nobody waits for, `keep` does: in the next cycle while the
-    device answers, or at once where no time passes within a cycle.
+    The newest state is published at once. What nobody waits for, `keep` and `finish` do: in the next cycle
+    while the device answers, or at once where no time passes within a cycle.
 
     Args:
         segment: Where state, counters and statistics go.
@@ -50,9 +52,11 @@ class Publisher:
     """
 
     __slots__ = (
+        "_counts",
         "_events",
         "_grid",
         "_keeps_timing",
+        "_kept",
         "_now_ns",
         "_pack_record",
         "_pending",
@@ -87,6 +91,8 @@ class Publisher:
         self._soft_ns = int(soft_budget * grid.period_ns)
         self._events = 0
         self._pending: _Cycle | None = None
+        self._kept: list[tuple[int, int, int, int]] = []
+        self._counts = (0, 0, 0, 0)
 
     def publish(self, s: list[float], m: list[float], dt: float, exchange_ns: int, requests: int) -> None:
         """Publish one cycle.
@@ -113,9 +119,10 @@ class Publisher:
         )  # fmt: skip
         if not self._keeps_timing:
             self.keep()
+            self.finish()
 
     def keep(self) -> None:
-        """Leave the counts, the record and the statistics of the cycle that was published last, once.
+        """Leave the record of the cycle that was published last, once, and note its durations.
 
         The state of the cycle function must not have changed since.
         """
@@ -126,11 +133,6 @@ class Publisher:
             cycles, missed, deadline_ns, index, skipped, wake_ns, lateness_ns,
         ) = self._pending  # fmt: skip
         self._pending = None
-        words = self._words
-        words[_CYCLES] = cycles
-        words[_MISSED] = missed
-        words[_LENGTH] = cycles + missed
-        words[_EXCHANGES] = requests
         response_ns = lateness_ns + execution_ns
         if self._recording is not None:
             ring, epoch_ns = self._recording
@@ -147,12 +149,26 @@ class Publisher:
                     missed, dt, int(saturated),
                 ))  # fmt: skip
                 ring.commit()
+        if self._trace is not None:  # by the deadline that was waited for
+            self._trace.record(index - skipped, lateness_ns, response_ns, wake_ns, exchange_ns)
+        self._counts = (cycles, missed, cycles + missed, requests)
+        self._kept.append((lateness_ns, execution_ns, exchange_ns, response_ns))
+        if len(self._kept) == _KEPT:
+            self.finish()
+
+    def finish(self) -> None:
+        """Enter the counts, and the durations that were noted, into the segment.
+
+        A few cycles at a time: code that runs once in a period runs from a cold cache.
+        """
+        words, kept = self._words, self._kept
+        words[_CYCLES], words[_MISSED], words[_LENGTH], words[_EXCHANGES] = self._counts
         if self._keeps_timing:
-            self._record_durations(lateness_ns, execution_ns, exchange_ns, response_ns)
-            if response_ns > self._soft_ns:
-                words[_SOFT_OVERRUNS] += 1
-            if self._trace is not None:  # by the deadline that was waited for
-                self._trace.record(index - skipped, lateness_ns, response_ns, wake_ns, exchange_ns)
+            for durations in kept:
+                self._record_durations(durations)
+                if durations[-1] > self._soft_ns:
+                    words[_SOFT_OVERRUNS] += 1
+        kept.clear()
 
     def log_event(self, level: str, name: str, text: str) -> None:
         """Write an event into the log, where there is one."""

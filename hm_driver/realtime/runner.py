@@ -61,6 +61,7 @@ class _Run:
         segment.status = Status.BRINGING_UP
         period_ns = period_ns_of(options.timing.rate_hz)
         law = load_law(options.law, period_ns=period_ns) if options.law else None
+        step = folded_cycle()  # takes milliseconds, so before the grid
         with ExitStack() as stack:
             recording = self._open_recording(stack)
             trace = self._open_trace(stack)
@@ -91,7 +92,7 @@ class _Run:
                     trace=trace,
                     law=law,
                     session_state=options.state,
-                    step=folded_cycle(),
+                    step=step,
                 )
                 self._cycle(core)
             except BaseException:

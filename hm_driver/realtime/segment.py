@@ -7,6 +7,7 @@ segment of a loop that has not started.
 
 import contextlib
 import mmap
+from collections.abc import Sequence
 from enum import IntEnum
 from typing import NamedTuple, Self
 
@@ -237,11 +238,9 @@ class Segment:
         self.words[Word.TRIP] = trip
         return True
 
-    def record_durations(
-        self, lateness_ns: int, execution_ns: int, exchange_ns: int, response_ns: int
-    ) -> None:
-        """Count the durations of a cycle [ns] in the four histograms."""
-        record_each(self._durations, (lateness_ns, execution_ns, exchange_ns, response_ns))
+    def record_durations(self, durations_ns: Sequence[int]) -> None:
+        """Count lateness, execution, exchange and response of a cycle [ns] in the four histograms."""
+        record_each(self._durations, durations_ns)
 
     def state(self) -> LoopState:
         """The newest state; all zeros before the first cycle."""

@@ -4,7 +4,9 @@ import socket
 import struct
 import sys
 import threading
+from collections.abc import Callable
 from time import perf_counter_ns
+from typing import NamedTuple
 
 from hm_driver.errors import TransportClosed, TransportError, TransportTimeout
 from hm_driver.transport.contract import LinkStatistics
@@ -16,6 +18,13 @@ _CHUNK = 8192
 _SHORTEST_WAIT_S = 1e-6
 _WITHOUT_WAITING = getattr(socket, "MSG_DONTWAIT", 0)
 _CLOSING_S = 1.0
+
+
+class SocketCalls(NamedTuple):
+    """See `TcpTransport.socket_calls`."""
+
+    sendall: Callable[[bytes], None]
+    recv: Callable[[int], bytes]
 
 
 class TcpTransport:
@@ -45,6 +54,19 @@ class TcpTransport:
     def statistics(self) -> LinkStatistics:
         """What went over the link so far."""
         return self._counters.statistics()
+
+    def socket_calls(self, timeout_s: float) -> SocketCalls:
+        """The socket's own calls, for one thread that keeps its own statistics and wants nothing between.
+
+        They count nothing and raise OSError, BlockingIOError where the time is over; the next `send` or
+        `receive` then says what is wrong with the link.
+
+        Args:
+            timeout_s: Longest wait of ``recv`` [s], until `receive` is called.
+        """
+        if timeout_s != self._receive_timeout_s:
+            self._change_timeout(timeout_s)
+        return SocketCalls(self._socket.sendall, self._socket.recv)
 
     def send(self, data: bytes) -> None:
         """Send all of `data`.

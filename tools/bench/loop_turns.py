@@ -264,7 +264,7 @@ def memory_main() -> None:
         if options.ring:
             ring_block = SharedBlock.attach(options.ring)
             recording = Recording(Ring(ring_block.buffer), 0)
-        clock = WallClock()
+        clock, step = WallClock(), folded_cycle()
         prepare_process()
         granted = enter_realtime(cpu=cpu)
         start_ns = clock.now_ns() + _FIRST_PERIODS * options.period_ns
@@ -276,7 +276,7 @@ def memory_main() -> None:
         core = LoopCore(
             MemoryLink(), grid, clock, segment,
             parameters=loop_options.parameters(), watch=PATIENT, recording=recording,
-            step=folded_cycle(),
+            step=step,
         )  # fmt: skip
         started_ns, cpu_ns = clock.now_ns(), time.thread_time_ns()
         for _ in range(options.cycles):

@@ -1,8 +1,11 @@
+import socket
+
 import pytest
 
 from hm_driver.device.link import CommandLink
 from hm_driver.errors import ProtocolError, TransportClosed, TransportTimeout
 from hm_driver.protocol.framing import Dialect
+from hm_driver.transport.tcp import TcpTransport
 
 
 class Pieces:
@@ -79,3 +82,56 @@ def test_an_answer_that_nobody_fetched_is_not_taken_for_that_of_the_next_command
     link.send_line(b"get measpos\n")
     assert link.exchange("set state stop") == "state set to 'stop';"
     assert transport.sent == [b"get measpos\n", b"set state stop\n"]
+
+
+@pytest.fixture
+def pair():
+    ours, theirs = socket.socketpair()
+    link = CommandLink(TcpTransport(ours, url="tcp://pair"), Dialect.TEXT, timeout_s=0.05)
+    yield link, theirs
+    link.close()
+    theirs.close()
+
+
+def test_a_line_goes_over_a_socket_and_back(pair):
+    link, peer = pair
+    peer.sendall(b"stop;\n")
+    assert link.exchange_line(b"get state\n") == b"stop;\n"
+    assert peer.recv(100) == b"get state\n"
+
+
+def test_a_peer_that_says_nothing_is_waited_for_as_long_as_the_link_allows(pair):
+    link, _ = pair
+    with pytest.raises(TransportTimeout, match=r"0\.05 s"):
+        link.exchange_line(b"get state\n")
+    assert link.is_broken
+
+
+@pytest.mark.parametrize("is_reset", [False, True])
+def test_a_peer_that_hangs_up_breaks_the_link(pair, is_reset):
+    link, peer = pair
+    link.send_line(b"get state\n")
+    if not is_reset:
+        peer.recv(100)
+    peer.close()
+    with pytest.raises(TransportClosed):
+        link.receive_line()
+    with pytest.raises(TransportClosed):
+        link.send_line(b"get state\n")
+
+
+def test_a_line_to_a_peer_that_is_gone_breaks_the_link(pair):
+    link, peer = pair
+    peer.close()
+    with pytest.raises(TransportClosed, match="connection lost"):
+        link.send_line(b"get state\n")
+    assert link.is_broken
+
+
+def test_another_time_out_counts_from_the_next_line_on(pair):
+    link, peer = pair
+    peer.sendall(b"stop;\n")
+    link.exchange_line(b"get state\n")
+    link.timeout_s = 0.01
+    with pytest.raises(TransportTimeout, match=r"0\.01 s"):
+        link.exchange_line(b"get state\n")
