@@ -206,11 +206,10 @@ class Recording:
             RecordingError: as `columns` does.
         """
         requests = {topic: self._names(topic, names) for topic, names in wanted.items()}
-        span = self._span(start, end)
         parts: dict[str, list[Columns]] = {topic: [] for topic in requests}
-        for topic, block in self._blocks(tuple(requests), span):
-            columns = self._decoder(topic).decode(block.payloads)
-            parts[topic].append({LOG_TIME: block.times, **{name: columns[name] for name in requests[topic]}})
+        for topic, block in self._blocks(tuple(requests), self._span(start, end)):
+            columns = self.decode(topic, block)
+            parts[topic].append({name: columns[name] for name in (LOG_TIME, *requests[topic])})
         for topic, blocks in parts.items():
             if not blocks:
                 empty = self._decoder(topic).decode([])
@@ -238,6 +237,14 @@ class Recording:
         for topic in chosen:
             self._part_of(topic)
         return self._blocks(chosen, self._span(start, end))
+
+    def decode(self, topic: str, block: Block) -> Columns:
+        """All columns of a block that `blocks` gave, with the log time.
+
+        Raises:
+            RecordingError: if there is no such topic, or its messages are not protobuf or damaged.
+        """
+        return {LOG_TIME: block.times, **self._decoder(topic).decode(block.payloads)}
 
     def schema(self, topic: str) -> records.Schema | None:
         """Schema of a topic; None for messages without one.

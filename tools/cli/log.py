@@ -1,4 +1,4 @@
-"""``hm log``: what a log holds, and how to make a damaged one readable."""
+"""``hm log``: what a log holds, whether it keeps what it must, and new logs made of it."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -6,13 +6,17 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from hm_driver.errors import RecordingError
 from tools.cli.console import tell, write, write_json, write_table
+from tools.cli.failures import ExitCode
 
 if TYPE_CHECKING:
     from hm_driver.recording.reader import Recording
 
+Flag = Annotated[bool, Parameter(negative="")]
 
-def info(log: Path, /, *, json: Annotated[bool, Parameter(negative="")] = False) -> None:
+
+def info(log: Path, /, *, json: Flag = False) -> None:
     """Say what a log holds: time, topics with their rates, attachments, and whether it is whole.
 
     Args:
@@ -43,9 +47,97 @@ def recover(source: Path, target: Path, /) -> None:
     write(f"{target}: {recovery.messages} messages in {recovery.chunks} chunks")
 
 
+def check(log: Path, /, *, json: Flag = False) -> int:
+    """Read the whole log and say which rules it keeps: whole, in order, nothing lost, within every limit.
+
+    Limits are those of the configuration inside the log. Exit code 1 where a rule is broken.
+
+    Args:
+        log: MCAP file; its further parts are read with it.
+        json: One JSON object instead.
+    """
+    from tools.log.check import check as judge
+
+    findings = judge(log)
+    broken = [finding for finding in findings if not finding.is_kept]
+    if json:
+        rows = [{"rule": one.rule, "is_kept": one.is_kept, "found": one.found} for one in findings]
+        write_json({"log": str(log), "is_kept": not broken, "findings": rows})
+    else:
+        write_table(
+            (("ok    " if one.is_kept else "BROKEN") + f"  {one.rule}", one.found) for one in findings
+        )
+        write(f"{len(findings) - len(broken)} of {len(findings)} rules are kept")
+    return ExitCode.FAILED if broken else ExitCode.OK
+
+
+def events(log: Path, /, *, name: str | None = None, level: str = "debug", json: Flag = False) -> None:
+    """List what happened: updates, hand-overs, stages, trips.
+
+    Args:
+        log: MCAP file.
+        name: Only events of this name.
+        level: Only events of this level or above: debug, info, warning, error.
+        json: One JSON object instead.
+    """
+    from tools.log.events import events as read
+
+    rows = read(log, name=name, least=level)
+    if json:
+        write_json({"log": str(log), "events": [row._asdict() for row in rows]})
+    else:
+        write_table((f"{row.time_s:9.3f} s  {row.level:<7}  {row.name}", row.text) for row in rows)
+
+
+def cut(
+    source: Path,
+    target: Path,
+    /,
+    *,
+    start: float | None = None,
+    end: float | None = None,
+    topic: list[str] | None = None,
+    force: Flag = False,
+) -> None:
+    """Copy a piece of a log into a new one, with its configuration.
+
+    Args:
+        source: The log.
+        target: The new log.
+        start: First time, from the beginning of the log [s].
+        end: Time at which to stop [s].
+        topic: Keep this topic alone; can be given several times.
+        force: Write over a target that exists.
+    """
+    from hm_driver.recording.editing import cut as copy
+    from tools.log.output import make_room
+
+    make_room(target, force=force, sources=(source,))
+    messages = copy(source, target, start, end, topics=topic)
+    write(f"{target}: {messages} messages")
+
+
+def merge(target: Path, /, *sources: Path, force: Flag = False) -> None:
+    """Copy several logs, or the parts of one, into one new log.
+
+    Args:
+        target: The new log.
+        sources: The logs; of a log in parts, its first file.
+        force: Write over a target that exists.
+    """
+    from hm_driver.recording.editing import merge as copy
+    from tools.log.output import make_room
+
+    if not sources:
+        raise RecordingError("there is nothing to merge; name one log or more behind the target")
+    make_room(target, force=force, sources=sources)
+    write(f"{target}: {copy(sources, target)} messages")
+
+
 def _summary(recording: "Recording") -> dict[str, object]:
     return {
         "path": str(recording.path),
+        "parts": [str(part) for part in recording.parts],
         "is_whole": not recording.damage,
         "damage": recording.damage or None,
         "start_time_ns": recording.start_time_ns,
@@ -65,6 +157,8 @@ def _write_summary(recording: "Recording") -> None:
             ("start", f"{start:%Y-%m-%d %H:%M:%S} UTC"),
             ("duration", f"{recording.duration_s:.2f} s"),
             ("messages", str(sum(recording.counts.values()))),
+            ("parts", ", ".join(part.name for part in recording.parts[1:]) or "one"),
+            ("lost", recording.metadata.get("recording", {}).get("lost", "not known: it was not finished")),
             ("whole", f"no: {recording.damage}" if recording.damage else "yes"),
         )
     )

@@ -40,6 +40,10 @@ _COMMANDS = {
     "study show": ("tools.cli.study:show", "Print its tables, and draw its pictures."),
     "study list": ("tools.cli.study:list_", "List the studies that are shipped."),
     "log info": ("tools.cli.log:info", "Say what a log holds."),
+    "log check": ("tools.cli.log:check", "Say which rules a log keeps, and which it breaks."),
+    "log events": ("tools.cli.log:events", "List what happened in a session."),
+    "log cut": ("tools.cli.log:cut", "Copy a piece of a log."),
+    "log merge": ("tools.cli.log:merge", "Copy several logs, or the parts of one, into one."),
     "log recover": ("tools.cli.log:recover", "Make a damaged log readable."),
 }
 

@@ -1,0 +1,1 @@
+"""Questions to a log, and new logs made of old ones."""
