@@ -158,13 +158,15 @@ def test_the_device_goes_home_and_initialises_by_itself(drive, observer):
     assert observer.measured_position() == near((0.0, 0.0, 0.0))
 
 
-def test_effects_survive_a_new_start_of_the_loop_and_a_stop_disables_them(drive, observer):
+def test_effects_and_free_axes_survive_a_new_start_of_the_loop_and_a_stop_disables_them(drive, observer):
     drive.command("create spring guide")
     drive.command("set guide stiffness 100")
     drive.hold()
     drive.command("set guide pos " + "[{:g},{:g},{:g}]".format(*drive.handle))
     drive.command("set guide enable")
+    drive.release((2,))
     drive.set_inertia(4.0)
+    assert drive.pilot.engaged == (True, True, False)
     assert observer.inertia == 4.0
     assert observer.is_enabled("guide")
     assert observer.parameter("guide", "stiffness") == 100.0
@@ -174,18 +176,11 @@ def test_effects_survive_a_new_start_of_the_loop_and_a_stop_disables_them(drive,
     drive.command("remove guide")
 
 
-def test_a_new_start_keeps_free_axes_free(drive):
-    drive.hold((0, 1))
-    drive.release((2,))
-    drive.set_inertia(3.5)
-    assert drive.pilot.engaged == (True, True, False)
-
-
-@pytest.mark.parametrize("line", ["set state stop", "remove all", "set spring_x maxforce 1", "set inertia 9"])
-def test_what_would_undermine_the_loop_is_refused_and_the_arm_held_on(drive, observer, line):
+def test_what_would_undermine_the_loop_is_refused_and_the_arm_held_on(drive, observer):
     drive.hold()
-    with pytest.raises(ConfigurationError, match="not while the loop drives the arm"):
-        drive.command(line)
+    for line in ("set state stop", "remove all", "set spring_x maxforce 1", "set inertia 9"):
+        with pytest.raises(ConfigurationError, match="not while the loop drives the arm"):
+            drive.command(line)
     assert drive.is_driving
     assert observer.state is State.FORCE
 
