@@ -203,8 +203,12 @@ class _Reader:
 
     def _pairs(self, table: Mapping[str, Any]) -> list[tuple[str, Any]]:
         """Axes and values of a table, in which a key of the configuration may be written as tables."""
-        named = [(axis, value) for axis, value in table.items() if axis in self._levels]
-        rest = {axis: value for axis, value in table.items() if axis not in self._levels}
+        rest = {
+            axis: value
+            for axis, value in table.items()
+            if axis not in self._levels or isinstance(value, dict)
+        }
+        named = [(axis, value) for axis, value in table.items() if axis not in rest]
         order = list(table)
         return sorted([*named, *_flat(rest)], key=lambda pair: order.index(_head(pair[0], order)))
 

@@ -122,6 +122,14 @@ def test_a_wrong_file_is_refused_by_name_and_key(tmp_path, old, new, words):
         assert word in problem
 
 
+def test_an_option_below_the_name_of_levels_can_be_varied_too(tmp_path):
+    more = "demonstrator.lag = [0.1, 0.4]"
+    text = FILE.replace("vary = { learner.w_gen = [0.5, 0.6],", "vary = { " + more + ",")
+    cases = study_of(tmp_path, text).cases
+    lags = [case.jobs[0].options.demonstrator.lag for case in cases if case.part == "demonstrator.lag"]
+    assert lags == [0.1, 0.4]
+
+
 def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(ConfigurationError, match=r"none\.toml: file: cannot be read"):
         load_study(tmp_path / "none.toml")
