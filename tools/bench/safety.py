@@ -109,8 +109,11 @@ EVENTS: dict[str, Event] = {
         options={"limits": LimitOptions(velocity_z=_SLOW / 2.0, velocity_trip=2.0)},
     ),
     "force": Event(strike=_inject("force_bias", value=(0.0, 0.0, 120.0)), reasons=("force",)),
-    "force (framed dialect)": Event(
-        strike=_inject("force_bias", value=(0.0, 0.0, 120.0)), reasons=("force",), query="?dialect=framed"
+    "force (frames at 250 Hz)": Event(
+        strike=_inject("force_bias", value=(0.0, 0.0, 120.0)),
+        reasons=("force",),
+        options={"timing": TimingOptions(rate_hz=250.0)},
+        query="?dialect=framed",
     ),
     "force (100 Hz)": Event(
         strike=_inject("force_bias", value=(0.0, 0.0, 120.0)),
