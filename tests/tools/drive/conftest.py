@@ -11,9 +11,9 @@ from tools.drive.session import Drive
 PATIENT = {"missed_s": 0.0, "freeze_s": 2.0, "heartbeat_s": 2.0, "exchange_timeout_s": 2.0}
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def emulator():
-    """An emulator that the tests of a module share."""
+    """An emulator that the tests of this directory share, in the state that the last one left."""
     with Emulator(init_seconds=0.3) as emulator:
         yield emulator
 

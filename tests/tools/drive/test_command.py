@@ -1,8 +1,9 @@
+import io
 import json
-import os
 import signal
 import subprocess
 import sys
+from typing import NamedTuple
 
 import pytest
 
@@ -14,25 +15,29 @@ HM = [sys.executable, "-m", "tools.cli.main", "drive"]
 PATIENT = ["missed_s=0", "freeze_s=2", "heartbeat_s=2", "exchange_timeout_s=2"]
 
 
+class Outcome(NamedTuple):
+    """What a command line came to."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
 @pytest.fixture
-def hm(emulator):
+def hm(emulator, capsys, monkeypatch):
     """A function that runs ``hm drive`` on the emulator to its end."""
 
-    def run(*words, lines=None, device=emulator.url):
-        command = [*HM, *words, *(["--device", device, "--world", emulator.world_url] if device else [])]
+    def execute(*words, lines="", device=emulator.url, world=emulator.world_url):
+        command = ["drive", *words]
+        command += ["--device", device] if device else []
+        command += ["--world", world] if device and world else []
         for setting in PATIENT:
             command += ["--set", f"watch.{setting}"]
-        return subprocess.run(
-            command,
-            input=lines,
-            stdin=subprocess.DEVNULL if lines is None else None,
-            capture_output=True,
-            text=True,
-            timeout=60,
-            check=False,
-        )
+        monkeypatch.setattr(sys, "stdin", io.StringIO(lines))
+        code = run(command)
+        return Outcome(code, *capsys.readouterr())
 
-    return run
+    return execute
 
 
 @pytest.mark.parametrize(
@@ -129,28 +134,19 @@ def test_a_trajectory_is_checked_run_and_judged(hm, tmp_path):
     assert hm("run", str(path)).returncode == 2
 
 
-def test_what_may_be_a_robot_is_asked_freely_and_commanded_only_when_confirmed(emulator, tmp_path, observer):
+def test_what_may_be_a_robot_is_asked_freely_and_commanded_only_when_confirmed(
+    hm, tmp_path, observer, monkeypatch
+):
     observer.set_state(State.OFF)
-
-    def ask(*words):
-        return subprocess.run(
-            [*HM, *words, "--device", emulator.url, "--set", "watch.heartbeat_s=2"],
-            capture_output=True,
-            stdin=subprocess.DEVNULL,
-            text=True,
-            timeout=60,
-            check=False,
-            env=os.environ | {"XDG_STATE_HOME": str(tmp_path)},
-        )
-
-    assert ask("get", "os").stdout == "Linux\n"
-    refused = ask("goto", "0", "0", "0")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert hm("get", "os", world=None).stdout == "Linux\n"
+    refused = hm("goto", "0", "0", "0", world=None)
     assert refused.returncode == 2
     assert "nobody confirmed its first run: --yes-real-robot" in refused.stderr
     assert observer.state is State.OFF
-    slow = ask("goto", "0", "0", "0", "--speed", "0.2", "--yes-real-robot")
-    assert slow.returncode == 2
-    assert "goto --speed: 0.2 m/s is above 0.05 m/s, the limit of this run" in slow.stderr
+    fast = hm("goto", "0", "0", "0", "--speed", "0.2", "--yes-real-robot", world=None)
+    assert fast.returncode == 2
+    assert "goto --speed: 0.2 m/s is above 0.05 m/s, the limit of this run" in fast.stderr
     assert observer.state is State.OFF
 
 
