@@ -148,7 +148,7 @@ class RehearsingLWR(LWR):
         q_held = -2.0 * math.log(self._parameters["w_gen"])
         for centre, D in zip(models.centres[chosen], models.D[chosen], strict=True):
             offset = self._kept_X[: self._n_kept] - centre
-            held |= np.einsum("nj,jk,nk->n", offset, D, offset) < q_held
+            held |= np.sum((offset @ D) * offset, axis=1) < q_held
         self._forget(held)
         return super().remove(which)
 

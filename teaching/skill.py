@@ -9,14 +9,15 @@ import numpy as np
 from teaching.accumulator import BackgroundUpdate, Batch
 from teaching.arbitration import Arbitration, Query
 from teaching.correction import Region
-from teaching.learner import Learner
+from teaching.learner import FloatArray, Learner
 from teaching.task import Task
 
 COVERAGE_GRID = 80
 """Points along each edge of the grid on which coverage is judged."""
 MASTERY_GRID = 40
 """Points along each edge of the grid on which the skill's own doubt is judged."""
-_POINTS_PER_TICK = 80
+_TICKS = 20
+"""Ticks over which the plane is surveyed, where the skill is asked for its doubt."""
 _EVERYWHERE = (-np.inf, -np.inf), (np.inf, np.inf)
 
 
@@ -115,16 +116,15 @@ class Skill:
                 return None
             self._pending = None
             if self._arbitration.needs_std:
-                self._survey = _Survey(learned, self._arbitration, self._coarse)
+                self._survey = _Survey(learned, self._arbitration, self._w_th, self._grid, self._coarse)
                 return None
         else:
             if self._survey is None or not self._survey.step():
                 return None
             learned = self._survey.learner
-        mastery = self._survey.share if self._survey is not None else None
-        self._batch = self._survey = None
+        survey, self._batch, self._survey = self._survey, None, None
         self.updates += 1
-        return self._swap(learned, Cause.UPDATE, mastery, f"update {self.updates}")
+        return self._swap(learned, Cause.UPDATE, survey, f"update {self.updates}")
 
     def forget(self, region: Region | None) -> tuple[Update | None, int]:
         """Remove the models of a region, and the samples there that are still to be learned.
@@ -170,33 +170,50 @@ class Skill:
         self._batch, self._survey = batch, None
         self._pending = BackgroundUpdate(self.learner.copy(), *batch, self._samples_per_tick)
 
-    def _swap(self, learner: Learner, cause: Cause, mastery: float | None, undoes: str) -> Update:
+    def _swap(self, learner: Learner, cause: Cause, survey: "_Survey | None", undoes: str) -> Update:
         self._past.append(_Past(self.learner, self.coverage, self.mastery, undoes))
         self.learner = learner
-        self.coverage = learner.share_active(self._grid, self._w_th)
-        self.mastery = self.coverage if mastery is None else mastery
+        if survey is None:
+            self.coverage = self.mastery = learner.share_active(self._grid, self._w_th)
+        else:
+            self.coverage, self.mastery = survey.coverage, survey.mastery
         return Update(self.updates, learner, self.coverage, cause)
 
 
 class _Survey:
-    """Asks at points of the plane, some in each tick, whether the skill would be in control."""
+    """Asks at points of the plane, some in each tick, whether a model is there and the skill in control."""
 
-    def __init__(self, learner: Learner, arbitration: Arbitration, points: list[tuple[float, float]]) -> None:
+    def __init__(
+        self,
+        learner: Learner,
+        arbitration: Arbitration,
+        w_th: float,
+        grid: FloatArray,
+        coarse: list[tuple[float, float]],
+    ) -> None:
         self.learner = learner
-        self._arbitration, self._points = arbitration, points
-        self._asked = self._mastered = 0
+        self._arbitration, self._w_th = arbitration, w_th
+        self._grid, self._coarse = grid, coarse
+        self._tick = self._covered = self._mastered = 0
 
     @property
-    def share(self) -> float:
-        return self._mastered / len(self._points)
+    def coverage(self) -> float:
+        return self._covered / len(self._grid)
+
+    @property
+    def mastery(self) -> float:
+        return self._mastered / len(self._coarse)
 
     def step(self) -> bool:
         """Ask at the next points; True once all are done."""
-        for x, y in self._points[self._asked : self._asked + _POINTS_PER_TICK]:
+        k, self._tick = self._tick, self._tick + 1
+        part = self._grid[k * len(self._grid) // _TICKS : (k + 1) * len(self._grid) // _TICKS]
+        self._covered += round(self.learner.share_active(part, self._w_th) * len(part))
+        n = len(self._coarse)
+        for x, y in self._coarse[k * n // _TICKS : (k + 1) * n // _TICKS]:
             y_robot, w_max, std = self.learner.query_std(x, y)
             self._mastered += self._arbitration.factor(Query(y_robot, w_max, std, x, y)) < 0.5
-        self._asked = min(self._asked + _POINTS_PER_TICK, len(self._points))
-        return self._asked == len(self._points)
+        return self._tick == _TICKS
 
 
 def _outside(batch: Batch, region: Region | None) -> Batch:
