@@ -86,9 +86,7 @@ def test_a_person_completes_moves_interrupts_and_ends(terminal, observer, tmp_pa
     terminal.expect("no loop")  # the line of state below the prompt
     terminal.send("go\t")
     terminal.expect("goto")
-    terminal.send(" 0.1 0 0 --sp\t")
-    terminal.expect(r"eed(?! V)")  # the rest of the option, not the hint below
-    terminal.send(" 0.02\r")
+    terminal.send(" 0.1 0 0 --speed 0.02\r")
     terminal.expect("force, position")
     time.sleep(1.0)
     terminal.send("\x03")
