@@ -7,8 +7,8 @@ a sample costs grows with R d and not with d^2, and inputs that carry nothing co
     s_r = u_r^T x_r;   x_(r+1) = x_r - s_r p_r;   res_(r+1) = res_r - beta_r s_r
 
 with x and y about their weighted means. Here they are taken about the means before the sample, with the
-weight that makes the sums exact (Welford), so that one direction in one dimension is weighted least squares
-to the last digit. All outputs share the fields; each has its own directions.
+weight that makes the sums exact (Welford), so that one input is weighted least squares to the last digit.
+All outputs share the fields; each has its own directions.
 
 The projections together are one linear model, kept in the table's M: predicting costs what it costs in
 :mod:`teaching.kernels`.
@@ -104,12 +104,14 @@ def regress(
         target = residual
         residual -= blocks[b, a + SY] / blocks[b, a + SS] * s[r]
         e_cv[r] = residual
-        norm = 0.0
+        norm, along = 0.0, 0.0
         for j in range(d):
             blocks[b, SXY + j] = slow * blocks[b, SXY + j] + weight * target * Xr[r, j]
             norm += blocks[b, SXY + j] ** 2
+            along += blocks[b, SXY + j] * blocks[b, u + j]
         if norm > 1e-200:
-            norm = 1.0 / math.sqrt(norm)
+            # the only direction of one input must not turn round against the sums that were taken along it
+            norm = (math.copysign(1.0, along) if d == 1 else 1.0) / math.sqrt(norm)
             for j in range(d):
                 blocks[b, u + j] = norm * blocks[b, SXY + j]
         ws = weight * s[r]
@@ -271,8 +273,9 @@ def learn(
             h += w * s[r] * s[r] / blocks[b, a + SS]
         error = e_cv[n_used - 1]
         fresh = w * max(prior, 1.0 - h - gain)
-        blocks[b, at + LAST] = lam * blocks[b, at + LAST] + w * e_cv[n - 1] ** 2
-        blocks[b, at + BUT_ONE] = lam * blocks[b, at + BUT_ONE] + w * e_cv[max(0, n - 2)] ** 2
+        if n_used == n:
+            blocks[b, at + LAST] = lam * blocks[b, at + LAST] + w * e_cv[n - 1] ** 2
+            blocks[b, at + BUT_ONE] = lam * blocks[b, at + BUT_ONE] + w * e_cv[max(0, n - 2)] ** 2
         table[books + kernels.SQUARES + o, i] *= lam
         table[books + kernels.SQUARES + o, i] += fresh * error * error
         leverage += fresh / m

@@ -46,10 +46,12 @@ def read(path: str | Path, kind: str) -> tuple[dict[str, Any], dict[str, FloatAr
         OSError: The file cannot be read.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            if isinstance(file, np.ndarray):
+        with Path(path).open("rb") as file:
+            contents = np.load(file, allow_pickle=False)
+            if isinstance(contents, np.ndarray):
                 raise damaged(path, "it is a single array")
-            stored = {name: file[name] for name in file.files}
+            with contents:
+                stored = {name: contents[name] for name in contents.files}
     except (ValueError, EOFError, KeyError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
         raise damaged(path, f"{error}") from error
     try:

@@ -5,18 +5,19 @@ import math
 import numpy as np
 import pytest
 
+from hm_driver.errors import ConfigurationError
 from teaching.lwpr import LWPR
 from teaching.lwr import LWR
 from teaching.rfwr import RFWR
 
 LEARNERS = {
-    "lwr": lambda d=2, m=1: LWR(d, m),
-    "literal": lambda d=2, m=1: LWR(d, m, prune="paper"),
-    "forgetful": lambda d=2, m=1: LWR(d, m, lam=0.995),
-    "refining": lambda d=2, m=1: LWR(d, m, levels=3),
-    "rfwr": lambda d=2, m=1: RFWR(d, m, D=400.0),
-    "scaled": lambda d=2, m=1: RFWR(d, m, D=400.0, input_scale=0.2, output_scale=0.05),
-    "lwpr": lambda d=2, m=1: LWPR(d, m, D=400.0),
+    "lwr": lambda d=2, m=1, **o: LWR(d, m, **o),
+    "literal": lambda d=2, m=1, **o: LWR(d, m, **{"prune": "paper", **o}),
+    "forgetful": lambda d=2, m=1, **o: LWR(d, m, **{"lam": 0.995, **o}),
+    "refining": lambda d=2, m=1, **o: LWR(d, m, levels=3, **o),
+    "rfwr": lambda d=2, m=1, **o: RFWR(d, m, **{"D": 400.0, **o}),
+    "scaled": lambda d=2, m=1, **o: RFWR(d, m, **{"D": 400.0, "input_scale": 0.2, "output_scale": 0.05, **o}),
+    "lwpr": lambda d=2, m=1, **o: LWPR(d, m, **{"D": 400.0, **o}),
 }
 
 
@@ -130,3 +131,158 @@ def test_a_saved_learner_is_read_back(make, data, tmp_path):
     skill = make().partial_fit(*data)
     skill.save(tmp_path / "skill.npz")
     assert same(type(skill).load(tmp_path / "skill.npz"), skill)
+
+
+def test_forgetting_stays_finite_while_the_same_sample_repeats(make):
+    skill = make(lam=0.99)
+    if "lam_final" in skill.parameters:
+        skill = make(lam=0.99, lam_final=0.99)
+    n = 1_000_000 if type(skill) is LWR else 200_000
+    skill.partial_fit([[0.0, 0.0]], [0.1]).partial_fit(np.full((n, 2), 0.01), np.full(n, 0.05))
+    assert all(np.isfinite(part).all() for part in skill.models)
+    assert skill.predict([[0.01, 0.01]])[0, 0] == pytest.approx(0.05, abs=1e-6)
+    skill.partial_fit([[0.02, 0.01]], [0.06])
+    assert all(np.isfinite(part).all() for part in skill.models)
+
+
+def test_far_from_every_model_the_prediction_is_finite_and_says_that_it_knows_nothing(make, data):
+    skill = make().partial_fit(*data)
+    far = np.array([[3.0, 3.0], [-1e4, 2.0]])
+    Y, std = skill.predict(far, return_std=True)
+    assert np.isfinite(Y).all()
+    assert np.isinf(std).all()
+    assert np.all(skill.w_max(far) < 1e-3)
+    assert skill.query_std(3.0, 3.0)[2] == math.inf
+
+
+def test_the_deviation_is_near_that_of_the_noise_where_the_skill_is_known(make, rng):
+    X = rng.uniform(-0.2, 0.2, (10_000, 2))
+    skill = make().partial_fit(X, 0.1 + 0.2 * X[:, 1] + rng.normal(0.0, 0.03, len(X)))
+    _, std = skill.predict(rng.uniform(-0.15, 0.15, (50, 2)), return_std=True)
+    assert 0.01 < np.median(std) < 0.2
+
+
+def test_models_go_by_region_by_index_and_by_age(make, data):
+    skill = make().partial_fit(*data)
+    n, centres = skill.n_models, skill.models.centres
+    inside = np.sum((centres - [0.1, 0.1]) ** 2, axis=1) <= 0.1**2
+    assert skill.remove_ellipse((0.1, 0.1), 0.1) == inside.sum() > 0
+    turned = skill.copy()
+    assert turned.remove_ellipse((-0.1, -0.1), (0.2, 0.05), angle=math.pi / 4) > 0
+    offset = turned.models.centres + 0.1
+    along, across = offset.sum(axis=1) / math.sqrt(2), np.diff(offset, axis=1)[:, 0] / math.sqrt(2)
+    assert np.all((along / 0.2) ** 2 + (across / 0.05) ** 2 > 1.0)
+    assert skill.remove_box((-0.2, -0.2), (-0.05, -0.05)) > 0
+    assert skill.remove_near((0.15, -0.15), 0.5) > 0
+    assert skill.w_max([[0.15, -0.15]])[0] <= 0.5
+    assert skill.remove([0]) == 1
+    assert skill.remove_older(int(skill.models.born[1])) == 1
+    assert 0 < skill.n_models < n
+    again = skill.partial_fit(*data)
+    assert np.all(np.isfinite(again.predict(data[0])))
+    assert np.abs(again.predict(data[0])[:, 0] - data[1]).mean() < 0.01
+
+
+def test_a_region_that_is_none_is_refused(make, data):
+    skill = make().partial_fit(*data)
+    for axes in (0.0, -1.0, (0.1, math.nan)):
+        with pytest.raises(ValueError, match="semi_axes"):
+            skill.remove_ellipse((0.0, 0.0), axes)
+    with pytest.raises(ValueError, match="two inputs"):
+        make(3, 1).remove_ellipse((0.0, 0.0, 0.0), 0.1, angle=0.5)
+    with pytest.raises(IndexError):
+        skill.remove([10_000])
+
+
+@pytest.mark.parametrize("damage", ["cut", "bit", "text", "newer", "kind", "pickle", "rows", "parameter"])
+def test_a_damaged_or_newer_file_is_refused(make, data, tmp_path, damage):
+    skill, path = make().partial_fit(data[0][:300], data[1][:300]), tmp_path / "skill.npz"
+    skill.save(path)
+    content = bytearray(path.read_bytes())
+    with np.load(path) as file:
+        stored = dict(file)
+    if damage == "cut":
+        path.write_bytes(content[: len(content) // 2])
+    elif damage == "bit":
+        content[content.find(b"table.npy") + 400] ^= 16
+        path.write_bytes(content)
+    elif damage == "text":
+        path.write_text("x1,x2,y\n")
+    else:
+        change = {
+            "newer": {"format": 99},
+            "kind": {"kind": "GP"},
+            "pickle": {"table": np.array([{"a": 1}], dtype=object)},
+            "rows": {"table": stored["table"][:-1]},
+            "parameter": {"parameters": '{"n_inputs": 2, "w_gen": 7.0, "D": [[1.0, 0.0], [0.0, 1.0]]}'},
+        }[damage]
+        np.savez(path, **{**stored, **change})
+    with pytest.raises(ConfigurationError, match=r"skill\.npz") as caught:
+        type(skill).load(path)
+    if damage == "newer":
+        assert "update this software" in str(caught.value)
+
+
+def test_a_file_is_replaced_whole_or_not_at_all(make, data, tmp_path, monkeypatch):
+    skill, path = make().partial_fit(*data), tmp_path / "skill.npz"
+    skill.save(path)
+    before = path.read_bytes()
+
+    def fail(*_, **__):
+        raise OSError("no space left")
+
+    monkeypatch.setattr("teaching.storage.np.savez", fail)
+    with pytest.raises(OSError, match="no space"):
+        skill.save(path)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_was_loaded_goes_on_as_if_nothing_had_happened(make, data, tmp_path):
+    skill = make().partial_fit(*data)
+    skill.remove([0, 3])
+    skill.save(tmp_path / "skill.npz")
+    loaded = type(skill).load(tmp_path / "skill.npz")
+    assert same(skill.partial_fit(*data), loaded.partial_fit(*data))
+
+
+@pytest.mark.parametrize("arguments", [(0, 1), (2, 0), (-1, 1), (1.5, 1), (True, 1)])
+def test_numbers_of_inputs_and_outputs_are_whole_and_above_0(make, arguments):
+    with pytest.raises(ConfigurationError, match=r"n_inputs|n_outputs"):
+        make(*arguments)
+
+
+@pytest.mark.parametrize("D", [0.0, -4.0, math.inf, [1.0, -1.0], [[1.0, 2.0], [2.0, 1.0]], [[1.0]]])
+def test_a_metric_that_is_not_positive_definite_is_refused(make, D):
+    with pytest.raises(ConfigurationError, match="D"):
+        make(D=D)
+
+
+@pytest.mark.parametrize(
+    ("X", "Y"),
+    [([[0.0]], [1.0]), ([0.0, 0.0], [1.0]), ([[0.0, 0.0]], [[1.0, 2.0]]), ([[0.0, 0.0]], [1.0, 2.0])],
+)
+def test_wrong_shapes_are_refused(make, X, Y):
+    with pytest.raises(ValueError, match=r"shape|as many"):
+        make().partial_fit(X, Y)
+
+
+def test_repeated_points_and_a_constant_output_are_learned(make):
+    skill = make().partial_fit(np.zeros((500, 2)), np.full(500, 0.07))
+    assert skill.n_models == 1
+    assert skill.query(0.0, 0.0)[0] == pytest.approx(0.07, rel=1e-6)
+    assert math.isfinite(skill.query_std(0.0, 0.0)[2])
+
+
+def test_thresholds_that_contradict_each_other_are_said_with_the_consequence(make):
+    said = make(w_gen=0.8, w_prune=0.9, prune="paper").check_parameters()
+    assert len(said) == 1
+    assert "prune each other" in said[0]
+    assert "as soon as it is made" in make(w_gen=0.95, w_prune=0.9, prune="overlap").check_parameters()[0]
+    assert make(w_gen=0.5, w_prune=0.9, prune="paper").check_parameters() == []
+
+
+def test_warming_up_learns_nothing(make):
+    skill = make()
+    skill.warm_up()
+    assert (skill.n_samples, skill.n_models) == (0, 0)
