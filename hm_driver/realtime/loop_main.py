@@ -7,8 +7,13 @@ import threading
 from hm_driver.realtime.child import parent_is_gone, receive_argument
 from hm_driver.realtime.options import LoopOptions
 from hm_driver.realtime.runner import run_loop
+from hm_driver.realtime.scheduling import enter_realtime
 from hm_driver.realtime.segment import PARENT_LOST, STOP_GENTLY, Segment, Word
 from hm_driver.realtime.shared import SharedBlock
+
+_WATCH_PRIORITY = 2
+"""Of the main thread: on a busy machine the parent's end would be seen late, and a killed process, which is
+gone only with its last thread, would not be missed for tens of milliseconds."""
 
 
 def main() -> None:
@@ -21,9 +26,11 @@ def main() -> None:
         done_reader, done_writer = os.pipe()
         thread = threading.Thread(target=_run, args=(options, segment, done_writer), name="loop", daemon=True)
         thread.start()
+        granted = enter_realtime(_WATCH_PRIORITY, hold_dma_latency=False)
         if parent_is_gone(timeout_s=None, wake_fd=done_reader):
             _request(segment, PARENT_LOST)
         thread.join()
+        granted.release()
         segment.close()
 
 

@@ -36,7 +36,7 @@ from hm_driver.realtime.setpoint import SetPoint
 _TICK_S = 0.01
 _PRIORITY = 60
 _START_S = 90.0
-_STOP_S = 15.0
+_STOP_S = 6.0
 _CANARY_NS = 1_000_000
 _HOME_M = 2e-3
 _ONCE_S = 1.0
@@ -84,7 +84,7 @@ class Stop(NamedTuple):
 
 
 class StarvedError(LoopError):
-    """The machine kept the loop or the application from its work before the event."""
+    """The machine kept loop or application from their work before the event, or lost a line of the log."""
 
 
 class Application:
@@ -215,8 +215,8 @@ class Rig:
             tells: Whether the application can still tell what ended its loop.
 
         Raises:
-            StarvedError: The arm had been stopped before.
-            LoopError: The device was not stopped within 15 s.
+            StarvedError: The arm had been stopped before, or was stopped at a time that is not known.
+            LoopError: The device was not stopped within 6 s.
         """
         if self.world.observe().state != "force":
             raise StarvedError(f"stopped before the event: {application.outcome(1.0)['reason']}")
@@ -226,6 +226,8 @@ class Rig:
         deadline = time.monotonic() + _STOP_S
         while not (stops := self._stops(place)):
             if time.monotonic() > deadline:
+                if self.world.observe().state != "force":
+                    raise StarvedError("the arm was stopped, and the emulator's log lost the line")
                 told = application.outcome(0.0)["reason"] or "nothing"
                 raise LoopError(f"the device was not stopped within {_STOP_S:g} s; told: {told}")
             time.sleep(0.01)
