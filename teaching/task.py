@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hm_driver.errors import ConfigurationError
 from hm_driver.geometry import ArmGeometry
+from teaching.stiffness_array import StiffnessArray
 from teaching.surface import Segment, SurfaceObject, borders, distance, topmost
 
 FloatArray = NDArray[np.float64]
@@ -48,7 +49,8 @@ class Task:
     """A plane of objects, the reference force, and the mapping between handle and manipulator.
 
     Beyond the plane's edge the stiffness of its nearest point goes on, so that a hand that overshoots does
-    not fall off, but there is no object there. Where objects overlap the later one counts.
+    not fall off, but there is no object there. Where objects overlap the later one counts. With an array the
+    objects are its regions, for people to name and to see, and the stiffness is the array's.
 
     Raises:
         ConfigurationError: A value is out of range, or a part of the plane has no object.
@@ -56,8 +58,10 @@ class Task:
 
     name: str
     """Short name."""
-    objects: tuple[SurfaceObject, ...]
-    """The objects, in the order in which a demonstrator takes them."""
+    objects: tuple[SurfaceObject, ...] = ()
+    """The objects, in the order in which a demonstrator takes them; with an array, its regions."""
+    array: StiffnessArray | None = None
+    """Stiffness as an array, in place of objects."""
     description: str = ""
     """One sentence."""
     size: float = 0.4
@@ -81,24 +85,44 @@ class Task:
         check_range("reference.force", (self.reference_force,), 0.1, 100.0, "N")
         check_range("mapping.scale", self.scale, 0.1, 10.0, "")
         check_range("mapping.offset", self.offset, -1.0, 1.0, "m")
-        if not self.objects:
-            raise ConfigurationError("objects", "there is none; a task needs at least one object")
-        object.__setattr__(self, "border_segments", borders(self.objects, 0.5 * self.size))
+        half = 0.5 * self.size
+        if self.array is not None:
+            if self.objects:
+                raise ConfigurationError("objects", "there is an array as well; give either of them")
+            if not self.array.covers(half):
+                raise ConfigurationError(
+                    "array.extent", f"{list(self.array.extent)} m must reach {half:g} m to every side"
+                )
+            object.__setattr__(self, "objects", self.array.objects())
+        elif not self.objects:
+            raise ConfigurationError(
+                "objects", "there is none; a task needs at least one object, or an array"
+            )
+        segments = borders(self.objects, half) if self.array is None else self.array.borders(half)
+        object.__setattr__(self, "border_segments", segments)
+        object.__setattr__(self, "depth_max", DEPTH_MARGIN * self.reference_force / self._softest())
+
+    def _softest(self) -> float:
+        """Smallest stiffness on the plane [N/m].
+
+        Raises:
+            ConfigurationError: A part of the plane has no object, or one that is softer than 1 N/m.
+        """
         softest = math.inf
         for x, y in self.grid(40).tolist():
-            index = topmost(self.objects, x, y)
+            index = self.object_at(x, y)
             if index < 0:
                 raise ConfigurationError(
                     "objects", f"none lies at x = {x:g} m, y = {y:g} m; they must fill the plane"
                 )
-            stiffness = self.objects[index].stiffness_at(x, y)
+            stiffness = self.stiffness(x, y)
             if stiffness < 1.0:
                 where = f"at x = {x:g} m, y = {y:g} m"
                 raise ConfigurationError(
                     f"objects[{index}].gradient", f"makes {stiffness:g} N/m {where}; at least 1 N/m"
                 )
             softest = min(softest, stiffness)
-        object.__setattr__(self, "depth_max", DEPTH_MARGIN * self.reference_force / softest)
+        return softest
 
     def to_manipulator(self, x: float, y: float, z: float) -> Vector:
         """Position of the manipulator [m] for a position of the handle [m]."""
@@ -123,12 +147,14 @@ class Task:
         half = 0.5 * self.size
         if not (-half <= x <= half and -half <= y <= half):
             return -1
-        return topmost(self.objects, x, y)
+        return topmost(self.objects, x, y) if self.array is None else self.array.region_at(x, y)
 
     def stiffness(self, x: float, y: float) -> float:
         """Stiffness K(x, y) [N/m] at a point of the plane [m]."""
         half = 0.5 * self.size
         x, y = min(half, max(-half, x)), min(half, max(-half, y))
+        if self.array is not None:
+            return self.array.stiffness_at(x, y)
         return self.objects[topmost(self.objects, x, y)].stiffness_at(x, y)
 
     def contact(self, x: float, y: float, z_r: float) -> Contact:
@@ -174,7 +200,14 @@ class Task:
 
     def border_distances(self, points: ArrayLike) -> FloatArray:
         """Distance from the nearest border [m], shape (n,), of points of shape (n, 2) [m]."""
-        return np.array([self.border_distance(x, y) for x, y in np.asarray(points, dtype=float).tolist()])
+        places = np.asarray(points, dtype=float).reshape(-1, 2)
+        nearest = np.full(len(places), np.inf)
+        for start, end in np.asarray(self.border_segments, dtype=float).reshape(-1, 2, 2):
+            way = end - start
+            t = np.clip((places - start) @ way / (way @ way), 0.0, 1.0)
+            offset = places - start - t[:, None] * way
+            np.minimum(nearest, np.hypot(offset[:, 0], offset[:, 1]), out=nearest)
+        return nearest
 
     def check_reach(
         self, geometry: ArmGeometry, *, deepest: float | None = None, clearance: float = CLEARANCE
@@ -207,23 +240,32 @@ class Task:
 
     def to_dict(self) -> dict[str, Any]:
         """The task as its file holds it: ``teaching.task_file.task_from_dict`` reads it back."""
-        return {
+        described: dict[str, Any] = {
             "name": self.name,
             "description": self.description,
             "plane": {"size": self.size, "surface_z": self.surface_z},
             "reference": {"force": self.reference_force},
             "mapping": {"scale": list(self.scale), "offset": list(self.offset)},
-            "objects": [
-                {
-                    "name": thing.name,
-                    "colour": thing.colour,
-                    "stiffness": thing.stiffness,
-                    "gradient": list(thing.gradient),
-                    "polygon": [list(point) for point in thing.outline],
-                }
-                for thing in self.objects
-            ],
         }
+        if self.array is not None:
+            described["array"] = {
+                "values": [list(row) for row in self.array.values],
+                "extent": list(self.array.extent),
+                "interpolation": self.array.interpolation.value,
+                "border": self.array.border,
+            }
+            return described
+        described["objects"] = [
+            {
+                "name": thing.name,
+                "colour": thing.colour,
+                "stiffness": thing.stiffness,
+                "gradient": list(thing.gradient),
+                "polygon": [list(point) for point in thing.outline],
+            }
+            for thing in self.objects
+        ]
+        return described
 
 
 def check_range(name: str, values: tuple[float, ...], low: float, high: float, unit: str) -> None:

@@ -15,8 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from hm_driver.errors import ConfigurationError
+from teaching.stiffness_array import Interpolation, StiffnessArray, read_array
 from teaching.surface import Point, SurfaceObject, rotated
 from teaching.task import Task
+
+CIRCLE_CORNERS = 72
+"""Corners of the polygon that a circle becomes: 0.1 % of its radius off."""
 
 
 def load_task(path_or_name: str | Path) -> Task:
@@ -32,13 +36,18 @@ def load_task(path_or_name: str | Path) -> Task:
             raise ConfigurationError(
                 "task", f"{given!r} is neither a .toml file nor one of {', '.join(names)}"
             )
-        text = (resources.files("teaching") / "tasks" / f"{given}.toml").read_text(encoding="utf-8")
-        return parse_task(text, source=f"{given}.toml")
+        folder = resources.files("teaching") / "tasks"
+        text = (folder / f"{given}.toml").read_text(encoding="utf-8")
+        with resources.as_file(folder) as directory:
+            return parse_task(text, source=f"{given}.toml", directory=directory)
     try:
         text = Path(given).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError("task", f"cannot be read: {error}", source=given) from error
-    return parse_task(text, source=given)
+        shipped = ", ".join(task_names())
+        raise ConfigurationError(
+            "task", f"cannot be read: {error}; tasks that come with the package: {shipped}", source=given
+        ) from error
+    return parse_task(text, source=given, directory=Path(given).parent)
 
 
 def task_names() -> list[str]:
@@ -47,8 +56,13 @@ def task_names() -> list[str]:
     return sorted(Path(entry.name).stem for entry in folder.iterdir() if entry.name.endswith(".toml"))
 
 
-def parse_task(text: str, *, source: str = "") -> Task:
+def parse_task(text: str, *, source: str = "", directory: Path | None = None) -> Task:
     """Read a task from TOML.
+
+    Args:
+        text: The file's text.
+        source: The file's name, for errors.
+        directory: Where the file of an array is looked for; default: the working directory.
 
     Raises:
         ConfigurationError: It is no TOML, or a field is wrong.
@@ -57,11 +71,11 @@ def parse_task(text: str, *, source: str = "") -> Task:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigurationError("task", f"is no TOML: {error}", source=source) from error
-    return task_from_dict(data, source=source)
+    return task_from_dict(data, source=source, directory=directory)
 
 
-def task_from_dict(data: dict[str, Any], *, source: str = "") -> Task:
-    """Make a task of the tables of its file.
+def task_from_dict(data: dict[str, Any], *, source: str = "", directory: Path | None = None) -> Task:
+    """Make a task of the tables of its file; arguments as for :func:`parse_task`.
 
     Raises:
         ConfigurationError: A field is missing, misspelt, of the wrong type or out of range.
@@ -81,10 +95,13 @@ def task_from_dict(data: dict[str, Any], *, source: str = "") -> Task:
         mapping.numbers("offset", 3, [0.005, 0.0, 0.06]),
     )
     mapping.finish()
-    objects = tuple(_object(table, angle) for table in top.tables("objects"))
+    array = _array(top, size, angle, directory) if top.has("array") else None
+    has_objects = array is None or top.has("objects")
+    objects = tuple(_object(table, angle) for table in top.tables("objects")) if has_objects else ()
     top.finish()
     try:
         return Task(
+            array=array,
             name=name,
             description=description,
             objects=objects,
@@ -104,7 +121,9 @@ def format_task(task: Task) -> str:
     lines = [f"{key} = {_toml(data[key])}" for key in ("name", "description")]
     for section in ("plane", "reference", "mapping"):
         lines += ["", f"[{section}]", *(f"{key} = {_toml(value)}" for key, value in data[section].items())]
-    for thing in data["objects"]:
+    if "array" in data:
+        lines += ["", "[array]", *(f"{key} = {_toml(value)}" for key, value in data["array"].items())]
+    for thing in data.get("objects", []):
         lines += ["", "[[objects]]", *(f"{key} = {_toml(value)}" for key, value in thing.items())]
     return "\n".join(lines) + "\n"
 
@@ -133,11 +152,48 @@ def _object(table: "_Table", angle: float) -> SurfaceObject:
         raise ConfigurationError(table.path(error.field), error.problem, source=table.source) from error
 
 
-def _outline(table: "_Table") -> tuple[Point, ...]:
-    if table.has("rectangle") == table.has("polygon"):
-        raise table.error(
-            "rectangle", "give either rectangle = [x_min, y_min, x_max, y_max] or polygon, not both"
+def _array(top: "_Table", size: float, angle: float, directory: Path | None) -> StiffnessArray:
+    table = top.table("array")
+    if angle != 0.0:
+        raise top.error("plane.rotation_deg", "an array cannot be turned; turn its numbers")
+    if table.has("file") == table.has("values"):
+        raise table.error("file", "give either the name of a .npy or .csv file, or values, not both")
+    half = 0.5 * size
+    extent = table.numbers("extent", 4, [-half, half, -half, half])
+    border, interpolation = table.number("border", 0.2), table.text("interpolation", "nearest")
+    if interpolation not in {kind.value for kind in Interpolation}:
+        kinds = ", ".join(kind.value for kind in Interpolation)
+        raise table.error("interpolation", f"{interpolation!r} must be one of {kinds}")
+    try:
+        if table.has("file"):
+            values = read_array((directory or Path()) / table.text("file"))
+        else:
+            values = table.rows("values")
+        made = StiffnessArray(
+            values=values,
+            extent=(extent[0], extent[1], extent[2], extent[3]),
+            interpolation=Interpolation(interpolation),
+            border=border,
         )
+    except ConfigurationError as error:
+        raise ConfigurationError(error.field, error.problem, source=top.source) from error
+    table.finish()
+    return made
+
+
+def _outline(table: "_Table") -> tuple[Point, ...]:
+    if [table.has(key) for key in ("rectangle", "polygon", "circle")].count(True) != 1:
+        raise table.error(
+            "rectangle",
+            "give one of rectangle = [x_min, y_min, x_max, y_max], polygon = [[x, y], ...] and "
+            "circle = [x, y, radius]",
+        )
+    if table.has("circle"):
+        x, y, radius = table.numbers("circle", 3)
+        if not radius > 0.0:
+            raise table.error("circle", f"radius {radius:g} m must be above 0")
+        turns = [2.0 * math.pi * k / CIRCLE_CORNERS for k in range(CIRCLE_CORNERS)]
+        return tuple((x + radius * math.cos(turn), y + radius * math.sin(turn)) for turn in turns)
     if table.has("rectangle"):
         x_min, y_min, x_max, y_max = table.numbers("rectangle", 4)
         if not (x_min < x_max and y_min < y_max):
@@ -185,6 +241,12 @@ class _Table:
         if not isinstance(value, list) or not all(isinstance(p, list) and len(p) == 2 for p in value):
             raise self.error(key, f"{value!r} must be a list of [x, y]")
         return tuple((self._number(key, x), self._number(key, y)) for x, y in value)
+
+    def rows(self, key: str) -> tuple[tuple[float, ...], ...]:
+        value = self._get(key, None)
+        if not isinstance(value, list) or not all(isinstance(row, list) for row in value):
+            raise self.error(key, "must be a list of lists of numbers")
+        return tuple(tuple(self._number(key, item) for item in row) for row in value)
 
     def table(self, key: str) -> "_Table":
         value = self._get(key, {})

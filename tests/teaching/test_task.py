@@ -202,7 +202,7 @@ rectangle = [-0.2, -0.2, 0.2, 0.2]
             "objects[0].rectangle",
             "4 numbers",
         ),
-        ("rectangle = [-0.2, -0.2, 0.2, 0.2]", "", "objects[0].rectangle", "either"),
+        ("rectangle = [-0.2, -0.2, 0.2, 0.2]", "", "objects[0].rectangle", "give one of"),
         ("rectangle = [-0.2, -0.2, 0.2, 0.2]", "polygon = [[0, 0], [1, 1]]", "objects[0].polygon", "three"),
         ("rectangle = [-0.2, -0.2, 0.2, 0.2]", "polygon = [0, 0]", "objects[0].polygon", "list"),
         ('name = "t"', "name = 3", "name", "text"),
