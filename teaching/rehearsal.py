@@ -159,6 +159,13 @@ class RehearsingLWR(LWR):
         self._forget(np.all((low <= X) & (high >= X), axis=1))
         return super().remove_box(lower, upper)
 
+    def warm_up(self) -> None:
+        """As :meth:`LocalModels.warm_up`, with what a later model begins with."""
+        super().warm_up()
+        other = self.copy()
+        for x in (0.0, 1e3):
+            other.partial_fit(np.full((1, self.n_inputs), x), np.zeros((1, self.n_outputs)))
+
     def copy(self) -> Self:
         """A learner of the same state that shares nothing with this one."""
         other = super().copy()

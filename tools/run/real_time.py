@@ -81,6 +81,7 @@ def run_real_time(request: TeachRequest, view: View, *, name: str) -> Outcome:
             world = RemoteWorld(client)
         kernels.warm_up()
         session = build_session(request.options, request.task, shuffle)
+        session.learner.warm_up()
         recording = stack.enter_context(
             open_recording(request, name=name, clock="wall", device=device, is_lockstep=False, tell=view.tell)
         )
