@@ -1,5 +1,6 @@
 """``hm jitter``: how punctual the loop is on this machine, beside whatever a program does meanwhile."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -25,6 +26,8 @@ def jitter(
     duration: float | None = None,
     scenario: Annotated[list[str] | None, Parameter(negative="")] = None,
     device: str | None = None,
+    world: str | None = None,
+    yes_real_robot: Annotated[bool, _SWITCH] = False,
     loop: Literal["process", "thread"] = "process",
     unprivileged: Annotated[bool, _SWITCH] = False,
     spin: float = 0.15,
@@ -56,6 +59,9 @@ def jitter(
             messages a second), load (on every core), all, or several joined by +. May be given again; by
             default each alone and then all.
         device: Address of a HapticMASTER or of an emulator, tcp://HOST[:7654]; default: start an emulator.
+            The arm is brought into state force and is not moved.
+        world: World endpoint of that emulator; without it the device is taken for a robot.
+        yes_real_robot: Confirm the first run on a robot, which is slow and weak, without being asked.
         loop: Where the loop runs; thread is the fallback that shares the application's interpreter.
         unprivileged: Let the loop give up every privilege first, and hold its median lateness against 30 µs.
         spin: Largest share of a core that the loop may spin for punctuality, 0 to 0.5.
@@ -73,6 +79,9 @@ def jitter(
         trace: File for the cycles, to be opened in https://ui.perfetto.dev.
         json: One JSON object instead of the tables.
     """
+    from hm_driver.errors import ConfigurationError
+    from hm_driver.geometry import ArmGeometry
+    from tools.cli.approach import approach_at_terminal
     from tools.cli.failures import ExitCode
     from tools.jitter.cyclictest import SliceOptions, find_cyclictest
     from tools.jitter.options import Fault, JitterOptions, Limits, LoopKind
@@ -102,6 +111,15 @@ def jitter(
     )
     if cyclictest:
         find_cyclictest()
+    approach = None
+    if device is not None:
+        approach = approach_at_terminal(device, world=world, yes=yes_real_robot)
+        modes, motion = approach.reduce(options.modes, options.motion, ArmGeometry())
+        options = replace(options, modes=modes, motion=motion, is_robot=bool(approach.host))
+    elif world is not None:
+        raise ConfigurationError(
+            "--world", "names the world endpoint of the emulator at --device; give that too"
+        )
     traced = None if trace is None else TraceFile(trace)
     done = run_suite(
         options,
@@ -109,6 +127,8 @@ def jitter(
         cyclictest=SliceOptions(slices=slices, slice_s=slice_) if cyclictest else None,
         trace=traced,
     )
+    if approach is not None and not any(result.problem for result in done.scenarios):
+        approach.completed()
     if traced is not None:
         traced.write()
         tell(f"trace: {traced.path}; open it in https://ui.perfetto.dev")

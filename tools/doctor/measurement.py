@@ -1,12 +1,16 @@
 """The doctor's measurements: the loop on this machine for some seconds, and the round trip of a link."""
 
+import threading
 import time
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from hm_driver.device.link import CommandLink, connect_link
-from hm_driver.errors import DeviceError, ProtocolError, TransportTimeout
+from hm_driver.errors import DeviceError, HapticMasterError, ProtocolError, TransportTimeout
 from hm_driver.protocol.framing import Dialect
+from hm_driver.realtime.histogram import Histogram
+from hm_driver.realtime.options import TimingOptions
+from hm_driver.realtime.scheduling import enter_realtime
 from tools.doctor.kernel import steal_ticks
 from tools.jitter.options import JitterOptions, Scenario
 from tools.jitter.result import ScenarioResult
@@ -89,16 +93,9 @@ def measure_link(url: str, *, exchanges: int) -> LinkMeasurement:
     """
     link = connect_link(url)
     try:
-        histogram = new_histogram()
         state = link.ask(QUESTION).strip('" ')
         is_combined = _combines(link)
-        due = time.monotonic()
-        for _ in range(exchanges):
-            due = max(due + _PACE_S, time.monotonic())
-            time.sleep(max(0.0, due - time.monotonic()))
-            began_ns = time.monotonic_ns()
-            link.exchange(QUESTION)
-            histogram.record(time.monotonic_ns() - began_ns)
+        histogram = _time_exchanges(link, exchanges)
     finally:
         link.close()
     return LinkMeasurement(
@@ -121,3 +118,31 @@ def _combines(link: CommandLink) -> bool:
         link.reconnect()
         return False
     return True
+
+
+def _time_exchanges(link: CommandLink, exchanges: int) -> Histogram:
+    """Time the exchanges in a thread that is scheduled as the loop is."""
+    histogram = new_histogram()
+    errors: list[HapticMasterError] = []
+
+    def run() -> None:
+        granted = enter_realtime(TimingOptions().priority)
+        due = time.monotonic()
+        try:
+            for _ in range(exchanges):
+                due = max(due + _PACE_S, time.monotonic())
+                time.sleep(max(0.0, due - time.monotonic()))
+                began_ns = time.monotonic_ns()
+                link.exchange(QUESTION)
+                histogram.record(time.monotonic_ns() - began_ns)
+        except HapticMasterError as error:
+            errors.append(error)
+        finally:
+            granted.release()
+
+    thread = threading.Thread(target=run, name="round trips")
+    thread.start()
+    thread.join()
+    if errors:
+        raise errors[0]
+    return histogram

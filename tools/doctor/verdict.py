@@ -88,8 +88,8 @@ def _judge_loop(measured: Measurement, rate_hz: float) -> tuple[bool, str]:
     if own > _FEW * ran:
         return False, (
             f"This machine cannot hold {_rate(rate_hz)} because the loop missed {own} of {ran} periods that "
-            f"the canary beside it did not: {facts}. Other real-time threads, or too little privilege, are the "
-            "usual reasons."
+            f"the canary beside it did not: {facts}. Other real-time threads, or too little privilege, are "
+            "the usual reasons."
         )
     text = f"This machine can hold {_rate(rate_hz)} with {facts}."
     if machine > 0:

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from hm_driver.errors import ConfigurationError
+from hm_driver.realtime.modes import LimitOptions, ModeOptions
 
 LOWEST_RATE_HZ, HIGHEST_RATE_HZ = 100.0, 2500.0
 SHORTEST_S, LONGEST_S = 1.0, 86_400.0
@@ -102,6 +103,8 @@ class JitterOptions:
     """Length of each scenario [s]."""
     device: str = ""
     """Address of the device; empty for an emulator of the suite's own."""
+    is_robot: bool = False
+    """Whether the device is taken for a robot: then the loop is no more patient than in a session."""
     loop: LoopKind = LoopKind.PROCESS
     fault: Fault = Fault.NONE
     is_unprivileged: bool = False
@@ -111,6 +114,10 @@ class JitterOptions:
     cpu: int | None = None
     """CPU of the loop; None for the last one allowed."""
     limits: Limits = field(default_factory=Limits)
+    modes: ModeOptions = field(default_factory=ModeOptions)
+    """Modes of the loop."""
+    motion: LimitOptions = field(default_factory=LimitOptions)
+    """Limits of the loop's forces and speeds."""
 
     def __post_init__(self) -> None:
         check_rate(self.rate_hz)

@@ -202,7 +202,6 @@ class _Collector:
         self._trace = trace
         self._canaries = canaries
         self._on_rows = on_rows
-        self._end = grid.end
         self._seen = [grid.first] * (1 + len(canaries))
         self.pairing = Pairing(grid, canaries=len(canaries))
 
@@ -211,7 +210,9 @@ class _Collector:
         self._take(min(newest) - _MARGIN)
 
     def finish(self) -> None:
-        self._take(self._end)
+        """Take what is there; of a loop that ended early, up to now."""
+        grid = self.pairing.grid
+        self._take(min(grid.end, (time.monotonic_ns() - grid.start_ns) // grid.period_ns))
         self.pairing.finish()
 
     def _take(self, upto: int) -> None:
@@ -243,8 +244,10 @@ def _loop_options(
     timing = TimingOptions(rate_hz=options.rate_hz, spin_duty=options.spin_duty, cpu=cpus.loop)
     return LoopOptions(
         url=url,
+        modes=options.modes,
+        limits=options.motion,
         timing=timing,
-        watch=WatchOptions() if options.device else _PATIENT,
+        watch=WatchOptions() if options.is_robot else _PATIENT,
         ring="" if ring is None else ring.loop_ring,
         trace=trace,
         epoch_ns=time.time_ns() - time.monotonic_ns(),

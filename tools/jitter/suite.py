@@ -87,6 +87,7 @@ def _processor() -> str:
 def _options(options: JitterOptions) -> dict[str, Any]:
     values = asdict(options)
     values["scenarios"] = [scenario.name for scenario in options.scenarios]
+    del values["modes"], values["motion"]  # nothing of a loop's timing rests on them
     return values
 
 
