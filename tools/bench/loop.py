@@ -1,4 +1,4 @@
-"""What a cycle of the loop costs: ``python -m tools.bench.loop``, five minutes; ``--quick``, half a minute.
+"""What a cycle of the loop costs: ``python -m tools.bench.loop``, seven minutes; ``--quick``, less than one.
 
 Ratios to the least that Python can do, a *bare loop* of sleep, send and receive with the same bytes on the
 same grid. What is compared takes turns within one run, so that a busy machine hits all alike; durations of
