@@ -56,11 +56,15 @@ def run(
     plan = load_study(_find(study))
     workers = jobs or _cores()
     tell(f"{plan.title}: {len(plan.jobs)} sessions in {len(plan.cases)} cases, {workers} workers")
-    with _Bar() as bar:
-        outcome = run_study(
-            plan, output, workers=workers, backend=Backend(backend), address=address,
-            batch=batch or BATCH, notify=bar.show,
-        )  # fmt: skip
+    try:
+        with _Bar() as bar:
+            outcome = run_study(
+                plan, output, workers=workers, backend=Backend(backend), address=address,
+                batch=batch or BATCH, notify=bar.show,
+            )  # fmt: skip
+    except KeyboardInterrupt as error:
+        error.add_note(f"what is done is in {output}; the same command goes on from there")
+        raise
     for lost in outcome.lost:
         tell(f"lost: {lost.reason}; seed {lost.job.seed}, key {lost.job.key}")
     _tell_outcome(outcome, output, as_json=json)
