@@ -1,7 +1,6 @@
 """Runs of the jitter suite that were not measured, for the tests of what reads them."""
 
 import random
-from dataclasses import asdict
 
 import pytest
 
@@ -9,6 +8,7 @@ from tools.jitter.options import JitterOptions, Limits, parse_scenario
 from tools.jitter.pairing import CoursePoint, Event
 from tools.jitter.result import CyclictestResult, Run, ScenarioResult
 from tools.jitter.spread import Spread, new_histogram
+from tools.jitter.suite import option_values
 from tools.jitter.verdict import judge
 
 
@@ -58,7 +58,7 @@ def make_run():
             started="2026-01-01T00:00:00+00:00",
             version="0.1.0",
             host={"name": "lab", "cpus": "2"},
-            options=asdict(options) | {"scenarios": [result.name for result in results]},
+            options=option_values(options),
             scenarios=tuple(results),
             cyclictest=sliced if cyclictest else None,
             checks=tuple(check.as_dict() for result in results for check in judge(result, limits)),

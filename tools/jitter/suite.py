@@ -56,7 +56,7 @@ def run_suite(
         started=started,
         version=__version__,
         host=host(),
-        options=_options(options),
+        options=option_values(options),
         scenarios=tuple(results),
         cyclictest=sliced,
         checks=tuple(check.as_dict() for check in checks),
@@ -84,7 +84,8 @@ def _processor() -> str:
     return names[0] if names else platform.machine()
 
 
-def _options(options: JitterOptions) -> dict[str, Any]:
+def option_values(options: JitterOptions) -> dict[str, Any]:
+    """What a run was told, as values for its file."""
     values = asdict(options)
     values["scenarios"] = [scenario.name for scenario in options.scenarios]
     del values["modes"], values["motion"]  # nothing of a loop's timing rests on them
