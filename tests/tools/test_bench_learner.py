@@ -22,7 +22,12 @@ def test_batches_and_many_inputs_are_measured():
 
 @pytest.mark.parametrize(
     ("name", "most", "models"),
-    [("LWR, D = 400", 0.0027, 400), ("RFWR", 0.0085, 100), ("LWPR, full D", 0.014, 100)],
+    [
+        ("LWR, D = 400", 0.0027, 400),
+        ("RFWR", 0.0085, 100),
+        ("RFWR, wide overlap", 0.006, 100),
+        ("LWPR, full D", 0.014, 100),
+    ],
 )
 def test_a_learner_reaches_the_cross_benchmark_in_one_pass(name, most, models):
     row = measure_cross(name, sizes=(1000, 20_000), seeds=(0,))

@@ -23,10 +23,12 @@ SIZES = (1000, 5000, 10_000, 20_000, 100_000)
 """Samples after which the error is taken."""
 LEARNERS: dict[str, Callable[[], LocalModels]] = {
     "LWR, D = 400": lambda: LWR(D=400.0, w_gen=0.2),
-    "LWR, 2 levels from D = 100": lambda: LWR(
-        D=100.0, w_gen=0.2, levels=2, ratio=4.0, tolerance=0.3, prune="never"
-    ),
+    "LWR, D = 600, w_gen = 0.6": lambda: LWR(D=600.0, w_gen=0.6),
+    "LWR, D = 1000, w_gen = 0.6": lambda: LWR(D=1000.0, w_gen=0.6),
     "RFWR": lambda: RFWR(prune="never"),
+    "RFWR, wide overlap": lambda: RFWR(
+        D=127.0, w_gen=0.05, meta_rate=1000.0, tau=0.999, lam_final=1.0, prune="never"
+    ),
     "LWPR, full D": lambda: LWPR(diagonal=False, prune="never"),
     "LWPR, diagonal D": lambda: LWPR(prune="never"),
 }
