@@ -4,6 +4,7 @@ import itertools
 import math
 import re
 import statistics
+import time
 from collections.abc import Callable
 
 from hm_driver.errors import ProtocolError
@@ -19,6 +20,8 @@ _R0_TOLERANCE_M = 0.02
 _KINEMATICS_TOLERANCE_M = 2e-3
 _NOISE_N = 0.015
 _NOISE_SAMPLES = 200
+_NOISE_APART_S = 0.002
+"""Several periods of the device, so that no reading is taken twice."""
 _DIGITS = re.compile(r"^-?(?:\d+\.?\d*|\.\d+)(?:e[-+]\d+)?$")
 
 
@@ -123,7 +126,10 @@ def _second_client(conversation: Conversation) -> Answer:
 
 
 def _noise(conversation: Conversation) -> Answer:
-    readings = [_vector(conversation, "measforce") for _ in range(_NOISE_SAMPLES)]
+    readings = []
+    for _ in range(_NOISE_SAMPLES):
+        readings.append(_vector(conversation, "measforce"))
+        time.sleep(_NOISE_APART_S)
     values = [vector for vector in readings if vector is not None]
     expected = f"{_NOISE_N:g} N rms within a factor of 3"
     if len(values) < _NOISE_SAMPLES:
