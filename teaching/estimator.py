@@ -3,9 +3,10 @@
 Example:
     >>> import numpy as np
     >>> from teaching.estimator import LocalRegressor
-    >>> X = np.linspace(0.0, 1.0, 400)[:, None]
-    >>> model = LocalRegressor("lwr").fit(X, np.sin(4.0 * X[:, 0]))
-    >>> bool(model.score(X, np.sin(4.0 * X[:, 0])) > 0.99)
+    >>> X = np.random.default_rng(0).uniform(0.0, 1.0, (400, 1))
+    >>> y = np.sin(4.0 * X[:, 0])
+    >>> model = LocalRegressor("lwr").fit(X, y)
+    >>> model.score(X, y) > 0.99
     True
     >>> y, std = model.predict([[0.5]], return_std=True)
     >>> y.shape, std.shape
