@@ -78,6 +78,8 @@ HAND_STATE: Final = FixedMessage(
         Field("stiffness", Kind.VECTOR3, "Stiffness of the hand", "N/m"),
         Field("hand_force", Kind.VECTOR3, "True force of the hand on the end effector", "N"),
         Field("contact_force", Kind.VECTOR3, "True force of rendered objects on the end effector", "N"),
+        Field("damping", Kind.VECTOR3, "Damping of the hand", "N*s/m"),
+        Field("extra_force", Kind.VECTOR3, "Force that the hand adds to its impedance", "N"),
     ),
 )
 

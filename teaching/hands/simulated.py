@@ -35,10 +35,40 @@ LOOK = 0.5
 """How long he looks at a place where control may have changed, before he believes it [s]."""
 
 
+class Kind(Enum):
+    """Who demonstrates."""
+
+    EXPERT = "expert"
+    """The paper's experienced demonstrator."""
+    NOVICE = "novice"
+    """Knows no depth, has the seen force alone, and is ``clumsiness`` times as unsteady and as slow."""
+    LEARNING = "learning"
+    """Begins as a novice and becomes an expert, with a time constant of ``learning_time``."""
+    MISTAKEN = "mistaken"
+    """An expert who holds a wrong force in a region, until he sees what the skill has made of it."""
+    RECORDED = "recorded"
+    """Does what the hand in the log ``recording`` did."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DemonstratorOptions:
     """How the simulated demonstrator moves, sees and errs. Lengths and speeds are the manipulator's."""
 
+    kind: Kind = Kind.EXPERT
+    """Who demonstrates: expert, novice, learning, mistaken or recorded."""
+    clumsiness: float = 3.0
+    """How many times as unsteady and as slow to react a novice is."""
+    learning_time: float = 30.0
+    """Time constant with which kind learning loses its clumsiness [s]."""
+    mistake_share: float = 0.6
+    """Share of the force that kind mistaken holds in his region."""
+    mistake_x: float = -0.1
+    """Middle of the region of his mistake [m]."""
+    mistake_y: float = -0.1
+    mistake_radius: float = 0.06
+    """Its radius [m]."""
+    recording: str = ""
+    """Log of kind recorded."""
     speed: float = 0.18
     """Speed along the lines [m/s]."""
     line_spacing: float = 0.025
@@ -94,6 +124,18 @@ class DemonstratorOptions:
         ):
             if not getattr(self, name) >= 0.0:
                 raise ConfigurationError(name, f"{getattr(self, name)} must not be negative")
+        for name, low, high in (
+            ("clumsiness", 1.0, 100.0),
+            ("learning_time", 0.1, 1e4),
+            ("mistake_share", 0.0, 3.0),
+            ("mistake_x", -2.0, 2.0),
+            ("mistake_y", -2.0, 2.0),
+            ("mistake_radius", 0.005, 1.0),
+        ):
+            if not low <= getattr(self, name) <= high:
+                raise ConfigurationError(name, f"{getattr(self, name)} must be {low:g} to {high:g}")
+        if self.kind is Kind.RECORDED and not self.recording:
+            raise ConfigurationError("recording", "name the log of which the hand is to be replayed")
         if self.line_spacing < 0.001:
             raise ConfigurationError("line_spacing", f"{self.line_spacing} m must be at least 0.001 m")
         if not 0.0 <= self.relaxed_stiffness <= 20.0:
@@ -111,6 +153,8 @@ class Doing(Enum):
     """Seeing whether the skill has taken over where he was in control a moment ago."""
     EXAMINING = "examining"
     """Moving about where the skill has just taken over, to see how it does."""
+    CORRECTING = "correcting"
+    """Taking control back where the skill is wrong, and teaching that place anew."""
     MOPPING_UP = "mopping up"
     """Following the edges of the colours, and visiting places where he remembers having been in control."""
 
@@ -219,6 +263,14 @@ class SimulatedHand:
             (options.damping, options.damping, damping_z),
         )
 
+    def _clumsy(self) -> float:
+        """How many times as unsteady and as slow to react he is now as his options say."""
+        return 1.0
+
+    def _aim(self, seen: Seen) -> float:  # noqa: ARG002  # for those who err
+        """Share of the reference force that he takes for right at this place."""
+        return 1.0
+
     def _start_object(self, shift: float = 0.0) -> None:
         """Draw lines along the border to what he taught before, so that control rarely changes hands."""
         spacing, margin = self._options.line_spacing, self._options.edge_distance + shift
@@ -320,7 +372,8 @@ class SimulatedHand:
     def _press(self, seen: Seen, dt: float) -> None:
         """Hold the depth of the colour seen a lag ago, corrected by the force seen a lag ago."""
         options = self._options
-        self._delayed.append((self._age + options.lag, seen.surface, seen.force))
+        clumsy, aim = self._clumsy(), self._aim(seen)
+        self._delayed.append((self._age + clumsy * options.lag, seen.surface, seen.force))
         colour = self._colour
         while self._delayed and self._delayed[0][0] <= self._age + 1e-9:
             _, self._colour, self._felt = self._delayed.popleft()
@@ -335,14 +388,14 @@ class SimulatedHand:
         if self._colour < 0:
             wanted = -AIR
         else:
-            known = self._colour if options.practised else 0
+            known = self._colour if len(self._depths) > 1 else 0
             near = abs(self._wanted - self._depth) < 0.1 * abs(self._wanted)
             self._settled = self._settled + dt if near and self._colour == colour else 0.0
             if self._settled > 2.0 * options.lag or not options.practised:
-                error = 1.0 - self._felt / self._reference_force
+                error = aim - self._felt / self._reference_force
                 self._depths[known] *= 1.0 + max(-0.5, min(0.5, error)) * options.correction * dt
-            unsteady = options.force_noise / self._reference_force * self._tremor
-            wanted = self._depths[known] * (1.0 + unsteady)
+            unsteady = clumsy * options.force_noise / self._reference_force * self._tremor
+            wanted = self._depths[known] * (aim + unsteady)
         self._wanted = wanted
         off = abs(wanted - seen.depth) > 0.15 * abs(wanted)
         self._waited = self._waited + dt if off else 0.0

@@ -11,9 +11,11 @@ from hypothesis import strategies as st
 
 from hm_driver.errors import ConfigurationError
 from teaching.hands.contract import Hand, HandIntent, PersonHand, Seen
+from teaching.hands.learning import ClumsyHand, LearningHand, MistakenHand
 from teaching.hands.memory import PlaneMemory
 from teaching.hands.paths import Area, Walker, raster
-from teaching.hands.simulated import DemonstratorOptions, Doing, SimulatedHand
+from teaching.hands.recorded import RecordedHand
+from teaching.hands.simulated import DemonstratorOptions, Doing, Kind, SimulatedHand
 
 DT = 0.01
 LEFT, RIGHT = Area(-0.2, 0.0, -0.2, 0.2), Area(0.0, 0.2, -0.2, 0.2)
@@ -226,11 +228,40 @@ def test_whatever_he_has_seen_he_finds_a_place_on_the_plane(seen):
 # Contract
 
 
+def made(kind, **options):
+    """A hand of a class, as `Person` makes the expert."""
+    return kind(
+        areas=[LEFT, RIGHT],
+        depths=[0.05, 0.05],
+        reference_force=REFERENCE_FORCE,
+        to_handle=lambda x, y, z: (x, y, z),
+        surface_z=0.0,
+        start=(-0.1, 0.0, 0.01),
+        options=DemonstratorOptions(**options),
+        rng=np.random.default_rng(1),
+    )
+
+
+def replayed():
+    intents = [HandIntent((0.01 * k, 0.0, 0.0), *[(1.0, 1.0, 1.0)] * 4) for k in range(5)]
+    return RecordedHand([DT * k for k in range(5)], intents)
+
+
+HANDS = {
+    "person": PersonHand,
+    "expert": lambda: Person().hand,
+    "novice": lambda: made(ClumsyHand, practised=False),
+    "learning": lambda: made(LearningHand, practised=False),
+    "mistaken": lambda: made(MistakenHand),
+    "recorded": replayed,
+}
+
+
 def hands():
-    return {"person": PersonHand(), "simulated": Person().hand}
+    return {name: make() for name, make in HANDS.items()}
 
 
-@pytest.mark.parametrize("name", ["person", "simulated"])
+@pytest.mark.parametrize("name", sorted(HANDS))
 def test_a_hand_answers_what_is_seen_with_an_intent_or_lets_go(name):
     hand: Hand = hands()[name]
     for C in (1.0, 0.6, 0.0, 1.0):
@@ -391,3 +422,107 @@ def test_a_value_out_of_range_names_its_field(name, value):
     with pytest.raises(ConfigurationError) as caught:
         DemonstratorOptions(**{name: value})
     assert caught.value.field == name
+
+
+@pytest.mark.parametrize("name", sorted(set(HANDS) - {"person"}))
+def test_a_hand_does_the_same_whenever_it_sees_the_same(name):
+    def motion():
+        hand = HANDS[name]()
+        return [hand.step(see(C=float(k % 100 < 60)), DT) for k in range(300)]
+
+    assert motion() == motion()
+
+
+# Other demonstrators
+
+
+def unsteadiness(hand, seconds):
+    depths = [-hand.step(see(), DT).position[2] for _ in range(round(seconds / DT))]
+    return float(np.std(depths[-round(10.0 / DT) :]))
+
+
+def test_one_who_learns_is_unsteady_at_first_and_an_expert_later():
+    late = {"force_noise": 1.0, "practised": False, "learning_time": 10.0}
+    early = unsteadiness(made(LearningHand, **late), 10.0)
+    assert unsteadiness(made(LearningHand, **late), 60.0) < 0.7 * early
+
+
+class Teaching:
+    """A mistaken hand on a plane of 200 N/m, with a skill that does what it was taught in his region."""
+
+    def __init__(self, **options):
+        self.hand = made(MistakenHand, mistake_x=-0.1, mistake_y=0.0, mistake_radius=0.05, **options)
+        self.x, self.y, self.depth, self.C, self.pushes = -0.1, 0.0, -0.01, 1.0, []
+
+    def run(self, seconds, C=None):
+        for _ in range(round(seconds / DT)):
+            self.C = self.C if C is None else C
+            force = 200.0 * max(0.0, self.depth)
+            intent = self.hand.step(see(self.x, self.y, self.depth, force=force, C=self.C), DT)
+            self.x, self.y = intent.position[:2]
+            if self.C > 0.5:
+                self.depth += (-intent.position[2] - self.depth) * DT / 0.03
+            else:
+                self.depth = 0.03 if math.dist((self.x, self.y), (-0.1, 0.0)) < 0.05 else 0.05
+                self.pushes.append(intent.force[2])
+        return 200.0 * self.depth
+
+
+def test_one_who_errs_holds_a_wrong_force_in_his_region_alone():
+    teaching = Teaching(mistake_share=0.6, examination=0.0, **CALM)
+    forces = {True: [], False: []}
+    for _ in range(1500):
+        force = teaching.run(DT)
+        away = math.dist((teaching.x, teaching.y), (-0.1, 0.0))
+        if not 0.045 < away < 0.09:
+            forces[away < 0.05].append(force)
+    assert np.median(forces[True]) == pytest.approx(6.0, abs=0.5)
+    assert np.median(forces[False]) == pytest.approx(10.0, abs=0.5)
+
+
+def test_one_who_errs_insists_where_he_sees_it_and_teaches_it_right():
+    teaching = Teaching(mistake_share=0.6, **CALM)
+    teaching.run(8.0)
+    assert not teaching.hand.is_aware
+    teaching.run(20.0, C=0.0)
+    assert teaching.hand.is_aware
+    assert min(teaching.pushes) == -15.0
+    teaching = Teaching(mistake_share=0.6, **CALM)
+    teaching.run(8.0)
+    while not teaching.pushes or min(teaching.pushes) == 0.0:
+        teaching.run(DT, C=0.0)
+    assert teaching.run(2.0, C=1.0) == pytest.approx(10.0, abs=1.0)
+    assert math.dist((teaching.x, teaching.y), (-0.1, 0.0)) < 0.1
+
+
+def test_one_who_errs_gives_up_where_nobody_lets_him_correct_himself():
+    teaching = Teaching(mistake_share=0.6, **CALM)
+    teaching.run(8.0)
+    teaching.run(30.0, C=0.0)
+    assert teaching.hand.doing is not Doing.CORRECTING
+    assert teaching.pushes[-1] == 0.0
+
+
+def test_a_recorded_hand_does_again_what_it_did_and_then_lets_go():
+    hand = replayed()
+    places = [intent and intent.position[0] for intent in (hand.step(see(), DT) for _ in range(7))]
+    assert places == [0.0, 0.01, 0.02, 0.03, 0.04, None, None]
+
+
+def test_a_recorded_hand_keeps_the_time_of_the_log_when_a_tick_was_skipped():
+    hand = replayed()
+    hand.step(see(), DT)
+    assert hand.step(see(), 3.0 * DT).position[0] == pytest.approx(0.03)
+
+
+@pytest.mark.parametrize(("times", "count"), [([], 0), ([0.0], 2), ([0.0, 0.0], 2)])
+def test_a_recording_without_a_hand_is_refused(times, count):
+    with pytest.raises(ConfigurationError) as caught:
+        RecordedHand(times, [None] * count)
+    assert caught.value.field == "recording"
+
+
+def test_a_recorded_hand_needs_a_log():
+    with pytest.raises(ConfigurationError) as caught:
+        DemonstratorOptions(kind=Kind.RECORDED)
+    assert caught.value.field == "recording"

@@ -40,7 +40,7 @@ def test_an_arbitration_is_read_back_as_it_was_written():
 
 
 def test_a_hand_state_is_read_back_as_it_was_written():
-    read = parse(HAND_STATE, HAND_STATE.pack(1, *range(15)))
+    read = parse(HAND_STATE, HAND_STATE.pack(1, *range(21)))
     assert (read.intended_velocity.x, read.contact_force.z) == (3.0, 14.0)
 
 

@@ -1,14 +1,31 @@
 """The simulated demonstrator, made for a task: what he knows from practice, and what he sees of the plane."""
 
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
 import numpy as np
 
-from teaching.hands.contract import Vector
+from hm_driver.errors import ConfigurationError
+from hm_driver.recording.reader import Recording
+from teaching.hands.contract import Hand, HandIntent, Vector
+from teaching.hands.learning import ClumsyHand, LearningHand, MistakenHand
+from teaching.hands.recorded import RecordedHand
 from teaching.hands.screen import Screen
-from teaching.hands.simulated import DemonstratorOptions, SimulatedHand
+from teaching.hands.simulated import DemonstratorOptions, Kind, SimulatedHand
+from teaching.messages import HAND_STATE_CHANNEL
 from teaching.task import Task
 
 FIRST_GUESS = 0.03
 """Depth that a novice tries first [m]."""
+HANDS: Final[Mapping[Kind, type[SimulatedHand]]] = {
+    Kind.EXPERT: SimulatedHand,
+    Kind.NOVICE: ClumsyHand,
+    Kind.LEARNING: LearningHand,
+    Kind.MISTAKEN: MistakenHand,
+}
+"""Who draws lines, by kind."""
 
 
 def practised_depths(task: Task, error: float, rng: np.random.Generator) -> list[float]:
@@ -35,20 +52,33 @@ def practised_depths(task: Task, error: float, rng: np.random.Generator) -> list
 
 def build_demonstrator(
     task: Task, options: DemonstratorOptions, rng: np.random.Generator, *, handle: Vector
-) -> SimulatedHand:
-    """The demonstrator of the paper's experiment.
+) -> Hand:
+    """The demonstrator that the options name.
 
     Args:
-        task: The plane; he is handed its coloured areas, and depths only as practice gave them.
-        options: His manner.
+        task: The plane; he is handed its colours, and depths only as practice gave them.
+        options: Who he is, and his manner.
         rng: His randomness.
         handle: Where the handle is now [m].
+
+    Raises:
+        ConfigurationError: A recording has no hand.
+        RecordingError: It cannot be read.
     """
+    if options.kind is Kind.RECORDED:
+        return read_hand(Path(options.recording))
     screen = Screen(task.object_at, 0.5 * task.size)
-    return SimulatedHand(
+    if options.kind in (Kind.NOVICE, Kind.LEARNING):
+        options = replace(options, practised=False)
+    depths = [FIRST_GUESS]
+    if options.practised:
+        depths = practised_depths(task, options.practice_error, rng)
+    elif options.kind is Kind.LEARNING:
+        depths = [FIRST_GUESS] * len(task.objects)
+    return HANDS[options.kind](
         areas=[screen.area(colour) for colour in screen.colours],
         screen=screen,
-        depths=practised_depths(task, options.practice_error, rng) if options.practised else [FIRST_GUESS],
+        depths=depths,
         reference_force=task.reference_force,
         to_handle=task.to_handle,
         surface_z=task.surface_z,
@@ -56,3 +86,30 @@ def build_demonstrator(
         options=options,
         rng=rng,
     )
+
+
+def read_hand(path: Path) -> RecordedHand:
+    """The hand of a log, to do the same again.
+
+    Raises:
+        ConfigurationError: The log has no simulated hand, or did not log all of it.
+        RecordingError: It cannot be read.
+    """
+    vectors = ("intended_position", "intended_velocity", "stiffness", "damping", "extra_force")
+    names = [f"{vector}.{axis}" for vector in vectors for axis in "xyz"]
+    with Recording(path) as log:
+        if HAND_STATE_CHANNEL.topic not in log.topics:
+            raise ConfigurationError("recording", f"{path} has no simulated hand; record one with hm teach")
+        if not set(names) <= set(log.describe(HAND_STATE_CHANNEL.topic).columns):
+            raise ConfigurationError(
+                "recording",
+                f"{path} is of an older version, whose logs lack the hand's damping; record it anew",
+            )
+        columns = log.columns(HAND_STATE_CHANNEL.topic, names=["time_ns", *names])
+    times = (np.asarray(columns["time_ns"], dtype=float) - float(columns["time_ns"][0])) * 1e-9
+    rows = np.column_stack([np.asarray(columns[name], dtype=float) for name in names]).tolist()
+    intents = [
+        HandIntent(*((row[k], row[k + 1], row[k + 2]) for k in range(0, 15, 3))) if any(row[6:12]) else None
+        for row in rows
+    ]
+    return RecordedHand(times.tolist(), intents)

@@ -70,12 +70,12 @@ class SessionLog:
         self, time_ns: int, intent: HandIntent | None, hand_force: Vector, contact_force: Vector
     ) -> None:
         """Log what a simulated hand intended and felt."""
-        position, velocity, stiffness = (
-            (_NOWHERE, _NOWHERE, _NOWHERE)
-            if intent is None
-            else (intent.position, intent.velocity, intent.stiffness)
+        position, velocity, stiffness, damping, extra = (
+            intent if intent is not None else (_NOWHERE, _NOWHERE, _NOWHERE, _NOWHERE, _NOWHERE)
         )
-        payload = HAND_STATE.pack(time_ns, *position, *velocity, *stiffness, *hand_force, *contact_force)
+        payload = HAND_STATE.pack(
+            time_ns, *position, *velocity, *stiffness, *hand_force, *contact_force, *damping, *extra
+        )
         self._ring.write(HAND_STATE_CHANNEL.id, time_ns, payload)
 
     def event(
