@@ -4,7 +4,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final, Literal, Self, overload
+from typing import Any, ClassVar, Final, Literal, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,6 +33,9 @@ class LocalModels(ABC):
         capacity: Number of models that there is room for at first.
         scales: One input and one output in the learner's own units; None where these are the user's.
     """
+
+    _shares_deviation: ClassVar[bool] = True
+    """Whether the standard deviation is that of :func:`teaching.kernels.deviation`."""
 
     def __init__(
         self,
@@ -256,8 +259,7 @@ class LocalModels(ABC):
     @property
     def _is_plain(self) -> bool:
         """Whether one call of a kernel has the prediction at a point of a plane, and its deviation."""
-        is_own = type(self)._variance is not LocalModels._variance
-        return self._scales is None and self._scratch is None and not is_own
+        return self._scales is None and self._scratch is None and self._shares_deviation
 
     def remove(self, which: ArrayLike) -> int:
         """Remove models, named by indices into :attr:`models` or by a mask of shape (N,).

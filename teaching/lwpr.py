@@ -62,6 +62,8 @@ class LWPR(LocalModels):
         ConfigurationError: An argument is out of range or D is not symmetric positive definite.
     """
 
+    _shares_deviation = False
+
     def __init__(
         self,
         n_inputs: int = 2,

@@ -148,3 +148,39 @@ def test_rates_out_of_range_are_refused_by_name(arguments, field_name):
     with pytest.raises(ConfigurationError) as caught:
         RFWR(**arguments)
     assert caught.value.field == field_name
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"diagonal": True}, {"meta_rate": 0.0}, {"lam": 1.0, "lam_final": 1.0}]
+)
+def test_the_written_out_plane_kernel_equals_the_general_one(options, rng):
+    X = rng.uniform(-1.0, 1.0, (3000, 2))
+    y = crossed_ridges(X) + rng.normal(0.0, 0.1, len(X))
+    plane, general = RFWR(**options), RFWR(**options)
+    general._scratch = np.zeros((2, 3))
+    for one, other in zip(plane.partial_fit(X, y).models, general.partial_fit(X, y).models, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-4)
+
+
+def test_scales_let_an_adaptive_learner_work_in_any_units(rng):
+    X = rng.uniform(-1.0, 1.0, (3000, 2))
+    y = crossed_ridges(X) + rng.normal(0.0, 0.1, len(X))
+    size = np.array([0.2, 50.0])
+    plain = RFWR(D=50.0).partial_fit(X, y)
+    scaled = RFWR(D=50.0 / size**2, input_scale=size, output_scale=1e-3).partial_fit(X * size, y * 1e-3)
+    points = rng.uniform(-1.0, 1.0, (100, 2))
+    expected, expected_std = plain.predict(points, return_std=True)
+    found, found_std = scaled.predict(points * size, return_std=True)
+    np.testing.assert_allclose(found * 1e3, expected, rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(found_std * 1e3, expected_std, rtol=1e-5)
+    np.testing.assert_allclose(scaled.models.centres, plain.models.centres * size, rtol=1e-12)
+    np.testing.assert_allclose(scaled.models.D, plain.models.D / np.outer(size, size), rtol=1e-6)
+    Z = np.append(points[0] * size - scaled.models.centres[0], 1.0)
+    z = np.append(points[0] - plain.models.centres[0], 1.0)
+    np.testing.assert_allclose(Z @ scaled.models.M[0] * 1e3, z @ plain.models.M[0], rtol=1e-6, atol=1e-8)
+
+
+def test_a_rate_of_zero_keeps_the_metric_as_it_is(rng):
+    X = rng.uniform(-1.0, 1.0, (3000, 2))
+    skill = RFWR(D=[50.0, 80.0], rate=0.0).partial_fit(X, crossed_ridges(X))
+    np.testing.assert_allclose(skill.models.D, np.broadcast_to(np.diag([50.0, 80.0]), skill.models.D.shape))
