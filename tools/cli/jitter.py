@@ -111,6 +111,9 @@ def jitter(
     )
     if cyclictest:
         find_cyclictest()
+    for option, path in (("--output", output and output / "run.json"), ("--trace", trace)):
+        if path is not None:
+            _check_writable(path, option)
     approach = None
     if device is not None:
         approach = approach_at_terminal(device, world=world, yes=yes_real_robot)
@@ -172,6 +175,21 @@ def compare(
         return
     print_comparison(comparison)
     write(f"picture: {path}")
+
+
+def _check_writable(path: Path, option: str) -> None:
+    """Refuse a file that cannot be written before an hour was spent on what goes into it."""
+    from hm_driver.errors import ConfigurationError
+
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        is_new = not path.exists()
+        with path.open("a"):
+            pass
+        if is_new:
+            path.unlink()
+    except OSError as error:
+        raise ConfigurationError(option, f"{path} cannot be written: {error.strerror}") from error
 
 
 def _load(path: Path) -> "Run":

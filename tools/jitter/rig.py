@@ -26,6 +26,8 @@ from tools.jitter.result import ScenarioResult
 from tools.jitter.spread import Spread
 
 TICK_S = 0.01
+INTERRUPTED = "interrupted"
+"""Problem of a scenario that the user ended."""
 _SETTLE_S = 0.4
 _COLLECT_S = 0.5
 _MARGIN = 50
@@ -133,7 +135,10 @@ def run_scenario(
                 end=first + round(options.duration_s * options.rate_hz),
             )
             collector = _Collector(grid, trace, canaries, on_rows)
-            problem = app.run(options.duration_s, each=collector.collect)
+            try:
+                problem = app.run(options.duration_s, each=collector.collect)
+            except KeyboardInterrupt:  # what was measured of a long run is worth keeping
+                problem = INTERRUPTED
             signals.done.set()
         time.sleep(3 * period_ns * 1e-9)
         collector.finish()

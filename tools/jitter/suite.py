@@ -13,7 +13,7 @@ from tools.jitter.cyclictest import SliceOptions, run_slices
 from tools.jitter.options import JitterOptions
 from tools.jitter.perfetto import TraceFile
 from tools.jitter.result import Run, ScenarioResult
-from tools.jitter.rig import choose_cpus, device_of, run_scenario
+from tools.jitter.rig import INTERRUPTED, choose_cpus, device_of, run_scenario
 from tools.jitter.verdict import Check, judge
 
 
@@ -49,6 +49,9 @@ def run_suite(
             )
             results.append(result)
             checks += judge(result, options.limits)
+            if result.problem == INTERRUPTED:
+                cyclictest = None
+                break
         if cyclictest is not None:
             sliced, more = run_slices(cyclictest, options, url, cpus, tell=tell)
             checks += more
