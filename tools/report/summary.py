@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from teaching.evaluation import ForceError, by_border
+from teaching.evaluation import Figures, ForceError, OnGrid, Trace, by_border, evaluate
 from tools.report import metrics
 from tools.report.metrics import Evaluation, Lateness, RunError, RunSamples
 from tools.report.session_data import AUTONOMOUS, PRACTICE, TEACHING, FloatArray, SessionData
@@ -31,6 +31,10 @@ class Summary:
     """Share of the plane where w_max is at least w_th, from 0 to 1."""
     hand_overs: int
     """How often control changed hands while teaching."""
+    teaching_from_first_sample_s: float
+    """Duration of teaching from the first sample on [s]."""
+    human_share: float
+    """Share of that time in which the human was in control."""
     session_s: float
     """From the first tick to the last [s]."""
     practice_s: float
@@ -57,6 +61,10 @@ class Summary:
     """|K y - F_ref| of the learned skill on an 80 x 80 grid [N]."""
     run: RunError
     """The autonomous run: force error, and its parts by skill and rendering [N]."""
+    share_wrong: float
+    """Share of the grid where the skill is wrong by more than 2 N."""
+    auc_w_max: float
+    """How well the activation tells those places: area under the receiver operating characteristic."""
 
     def as_dict(self) -> dict[str, Any]:
         """The summary as nested dictionaries for JSON; None stands for what there is not."""
@@ -93,6 +101,7 @@ def analyse(data: SessionData) -> Analysis:
     errors = tuple(np.abs(stiffness * one.y - task.reference_force) for one in evaluations)
     run = metrics.run_samples(data.ticks, data.cycles, task)
     last = data.skills[-1] if data.skills else None
+    figures = _figures(data, evaluations)
     time_s, stage = data.ticks.time_s, data.ticks.stage
     tick_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     summary = Summary(
@@ -103,6 +112,8 @@ def analyse(data: SessionData) -> Analysis:
         models=len(last.centres) if last else 0,
         coverage=metrics.coverage(evaluations[-1], data.w_th) if last else 0.0,
         hand_overs=metrics.hand_overs(data.ticks),
+        teaching_from_first_sample_s=figures.teaching_s,
+        human_share=figures.human_share,
         session_s=float(time_s[-1] - time_s[0]),
         practice_s=round(tick_s * int(np.count_nonzero(stage == PRACTICE)), 6),
         teaching_s=round(tick_s * int(np.count_nonzero(stage == TEACHING)), 6),
@@ -116,6 +127,8 @@ def analyse(data: SessionData) -> Analysis:
         lateness_us=metrics.lateness(data.timing.lateness_us),
         grid=by_border(errors[-1] if errors else np.empty(0), border if errors else np.empty(0)),
         run=metrics.run_error(run),
+        share_wrong=figures.share_wrong,
+        auc_w_max=figures.auc_w_max,
     )
     return Analysis(
         data=data,
@@ -126,6 +139,15 @@ def analyse(data: SessionData) -> Analysis:
         run=run,
         summary=summary,
     )
+
+
+def _figures(data: SessionData, evaluations: tuple[Evaluation, ...]) -> Figures:
+    """What is said of every session, from the log: it does not hold the skill's deviations."""
+    ticks = data.ticks
+    nothing = np.zeros(metrics.GRID**2)
+    last = evaluations[-1] if evaluations else Evaluation(nothing, nothing)
+    trace = Trace(ticks.time_s, ticks.stage, ticks.C, ticks.recorded, ticks.x, ticks.y, ticks.force)
+    return evaluate(data.task, OnGrid(last.y, last.w_max), trace, w_th=data.w_th, n=metrics.GRID)
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever a field holds
