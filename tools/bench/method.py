@@ -80,6 +80,9 @@ def measure(jobs: Iterable[tuple[str, str, SessionJob]], store: Path) -> list[Gr
         store: File of JSON lines; made if it is not there.
     """
     known = {row["key"]: row for row in read(store)}
+    if store.exists() and not store.read_bytes().endswith(b"\n"):
+        with store.open("a", encoding="utf-8") as file:
+            file.write("\n")  # behind a line that a stop cut off
     groups: dict[tuple[str, str], list[Row]] = {}
     for task, method, job in jobs:
         if job.key not in known:
