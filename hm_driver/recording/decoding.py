@@ -65,6 +65,9 @@ class Decoder:
         self._getters = tuple(_getters(self._descriptor, "", lambda message: message))
         self.names = tuple(name for name, _, _ in self._getters)
         """Names of the columns; those of a sub-message have a dot."""
+        self.kinds = dict(_kinds(self._descriptor, ""))
+        """What each column holds: a numpy dtype such as ``float64``, or ``text`` or ``bytes``;
+        of lists ``float64 list`` and so on, of lists of sub-messages ``message list``."""
         self._layout = _Layout.of(self._descriptor)
 
     def decode(self, payloads: NDArray[np.uint8] | Sequence[bytes]) -> Columns:
@@ -169,6 +172,23 @@ def _getters(descriptor: Descriptor, prefix: str, reach: Getter) -> Iterator[tup
             yield from _getters(field.message_type, f"{name}.", get)
         else:
             yield name, get, _DTYPES.get(field.cpp_type, object)
+
+
+def _kinds(descriptor: Descriptor, prefix: str) -> Iterator[tuple[str, str]]:
+    """Name and kind of each column of a message."""
+    for field in sorted(descriptor.fields, key=lambda one: one.number):
+        name = prefix + field.name
+        if field.message_type is not None and not field.is_repeated:
+            yield from _kinds(field.message_type, f"{name}.")
+            continue
+        if field.message_type is not None:
+            kind = "message"
+        elif field.type == FieldDescriptor.TYPE_BYTES:
+            kind = "bytes"
+        else:
+            dtype = _DTYPES.get(field.cpp_type)
+            kind = "text" if dtype is None else np.dtype(dtype).name
+        yield name, f"{kind} list" if field.is_repeated else kind
 
 
 def _getter(reach: Getter, key: str) -> Getter:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from mcap import records
@@ -15,6 +15,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from hm_driver.errors import RecordingError
+from hm_driver.recording import frames
 from hm_driver.recording.chunks import MESSAGE_HEADER
 from hm_driver.recording.container import ChunkPlace, Container, walk_messages
 from hm_driver.recording.decoding import Columns, Decoder
@@ -33,6 +34,7 @@ _HEADER = np.dtype(
     }
 )
 _MESSAGE = 5
+_NUMBERS = frozenset({"float64", "float32", "uint64", "int64", "uint32", "int32", "bool"})
 
 
 class RecordingWarning(UserWarning):
@@ -51,6 +53,14 @@ class TopicSummary:
     """Names of the columns, without the log time."""
     units: Mapping[str, str]
     """Unit of each column that has one."""
+    kinds: Mapping[str, str]
+    """What each column holds: ``float64``, ``uint64``, ``bool`` …, ``text``, ``bytes``, or a list of them:
+    ``float64 list``."""
+
+    @property
+    def numbers(self) -> tuple[str, ...]:
+        """Names of the columns that hold one number a message."""
+        return tuple(name for name in self.columns if self.kinds[name] in _NUMBERS)
 
 
 class Block(NamedTuple):
@@ -159,7 +169,8 @@ class Recording:
         """
         decoder = self._decoder(topic)
         schema = next(part.schema(topic) for part in self._parts if topic in part.channels)
-        return TopicSummary(topic, schema.name if schema else "", decoder.names, decoder.units)
+        name = schema.name if schema else ""
+        return TopicSummary(topic, name, decoder.names, decoder.units, decoder.kinds)
 
     def columns(
         self,
@@ -185,6 +196,30 @@ class Recording:
                 lies outside the log.
         """
         return self.tables({topic: names}, start, end)[topic]
+
+    def frame(
+        self,
+        topic: str,
+        start: float | None = None,
+        end: float | None = None,
+        *,
+        library: Literal["pandas", "polars"] = "pandas",
+        names: Iterable[str] | None = None,
+    ) -> Any:  # noqa: ANN401 - a frame of a library that need not be installed
+        """What `columns` returns, as a data frame of a library that is installed.
+
+        Args:
+            topic: Name of the topic.
+            start: First time, in seconds from the beginning of the log.
+            end: Time at which to stop, that time not included.
+            library: ``pandas`` or ``polars``.
+            names: Columns to read; all where None.
+
+        Raises:
+            RecordingError: as `columns` does, or where the library is not installed or none of the two.
+        """
+        make = frames.maker(library)
+        return make(self.columns(topic, start, end, names=names))
 
     def tables(
         self,

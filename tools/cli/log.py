@@ -89,6 +89,39 @@ def events(log: Path, /, *, name: str | None = None, level: str = "debug", json:
         write_table((f"{row.time_s:9.3f} s  {row.level:<7}  {row.name}", row.text) for row in rows)
 
 
+def export(
+    log: Path,
+    target: Path,
+    /,
+    *,
+    topic: list[str] | None = None,
+    column: list[str] | None = None,
+    start: float | None = None,
+    end: float | None = None,
+    force: Flag = False,
+) -> None:
+    """Write topics into a file for other programs: .csv, .parquet or .mat, by the suffix of the target.
+
+    A CSV or Parquet file holds one topic; of several, each goes into a file of its own, TARGET-TOPIC. A
+    MATLAB file holds each topic as a struct. The first column is the time since the beginning of the log [s].
+
+    Args:
+        log: MCAP file; its further parts are read with it.
+        target: The file to write.
+        topic: Export this topic; can be given several times. Default: all but those made for viewers.
+        column: Export this column, or this vector; can be given several times. Default: all.
+        start: First time, from the beginning of the log [s].
+        end: Time at which to stop [s].
+        force: Write over files that exist.
+    """
+    from tools.log.export import Selection
+    from tools.log.export import export as write_files
+
+    selection = Selection(topics=tuple(topic or ()), columns=tuple(column or ()), start=start, end=end)
+    for path, messages in write_files(log, target, selection, force=force).items():
+        write(f"{path}: {messages} messages")
+
+
 def cut(
     source: Path,
     target: Path,
@@ -110,10 +143,10 @@ def cut(
         force: Write over a target that exists.
     """
     from hm_driver.recording.editing import cut as copy
-    from tools.log.output import make_room
+    from tools.log.output import whole_file
 
-    make_room(target, force=force, sources=(source,))
-    messages = copy(source, target, start, end, topics=topic)
+    with whole_file(target, force=force, sources=(source,)) as draft:
+        messages = copy(source, draft, start, end, topics=topic)
     write(f"{target}: {messages} messages")
 
 
@@ -126,12 +159,13 @@ def merge(target: Path, /, *sources: Path, force: Flag = False) -> None:
         force: Write over a target that exists.
     """
     from hm_driver.recording.editing import merge as copy
-    from tools.log.output import make_room
+    from tools.log.output import whole_file
 
     if not sources:
         raise RecordingError("there is nothing to merge; name one log or more behind the target")
-    make_room(target, force=force, sources=sources)
-    write(f"{target}: {copy(sources, target)} messages")
+    with whole_file(target, force=force, sources=sources) as draft:
+        messages = copy(sources, draft)
+    write(f"{target}: {messages} messages")
 
 
 def _summary(recording: "Recording") -> dict[str, object]:

@@ -1,20 +1,22 @@
-"""Files that a command writes: nothing is written over unless the user says so."""
+"""Files that a command writes: nothing is written over unasked, and none is left half written."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from hm_driver.errors import RecordingError
 
 
-def make_room(target: Path, *, force: bool, sources: tuple[Path, ...] = ()) -> None:
-    """See to it that a file can be made.
+def check_room(target: Path, *, force: bool, sources: tuple[Path, ...] = ()) -> None:
+    """See whether a file may be made.
 
     Args:
         target: The file to come.
-        force: Whether one that is there may be removed.
+        force: Whether one that is there may be written over.
         sources: Files that are read meanwhile; the target may be none of them.
 
     Raises:
-        RecordingError: It is there and may not be removed, is a source, or its directory is not there.
+        RecordingError: It is there and may not be written over, is a source, or its directory is not there.
     """
     if not target.parent.is_dir():
         raise RecordingError(f"{target.parent} is no directory; make it first, or choose another output")
@@ -28,4 +30,20 @@ def make_room(target: Path, *, force: bool, sources: tuple[Path, ...] = ()) -> N
         )
     if not target.is_file():
         raise RecordingError(f"{target} is no file; choose another output")
-    target.unlink()
+
+
+@contextmanager
+def whole_file(target: Path, *, force: bool, sources: tuple[Path, ...] = ()) -> Iterator[Path]:
+    """A file to write, which becomes the target when it is whole; after an error the target is as it was.
+
+    Raises:
+        RecordingError: as `check_room` does.
+    """
+    check_room(target, force=force, sources=sources)
+    draft = target.with_name(f".{target.name}.unfinished")
+    draft.unlink(missing_ok=True)
+    try:
+        yield draft
+        draft.replace(target)
+    finally:
+        draft.unlink(missing_ok=True)
