@@ -34,7 +34,7 @@ class RecordedHand:
         """The intent of this time; lets go behind the last one and for the autonomous stage."""
         if self._next > 0:
             self._time += dt
-        while self._next < len(self._times) and self._times[self._next] <= self._time + 1e-9:
+        while self._next < len(self._times) and self._times[self._next] <= self._time + 1e-6:
             self._next += 1
-        is_over = self._next == len(self._times) and self._time > self._times[-1] + 1e-9
+        is_over = self._next == len(self._times) and self._time > self._times[-1] + 1e-6
         return None if seen.autonomous or is_over else self._intents[self._next - 1]

@@ -31,6 +31,8 @@ EDGES = (0.005, 0.015)
 """Distances from the edge of a colour at which he follows it, in turn [m]."""
 PLACES = 6
 """How many single places he visits between two rounds along the edges."""
+PASSES = 3
+"""How often he draws lines over an object before he goes on, whatever came of it."""
 LOOK = 0.5
 """How long he looks at a place where control may have changed, before he believes it [s]."""
 
@@ -207,6 +209,7 @@ class SimulatedHand:
         self._looked = 0.0
         self._has_covered = False
         self._own_ticks = self._ticks = 0
+        self._passes = 0
         self._rounds = 0
         self._visits = 0
         self._depth = surface_z - start[2]
@@ -319,9 +322,10 @@ class SimulatedHand:
             self._own_ticks += seen.C > 0.5
 
     def _end_lines(self) -> None:
-        """Draw lines between the lines, unless the skill was in control along most of these."""
+        """Draw lines between the lines, unless it is enough or the skill was in control along most of these."""
         self._has_covered = True
-        if self._own_ticks < 0.5 * self._ticks:
+        self._passes += 1
+        if self._own_ticks < 0.5 * self._ticks or self._passes >= PASSES:
             self._next_object()
         else:
             self._start_object(shift=self._options.line_spacing / 2.0)
@@ -344,6 +348,7 @@ class SimulatedHand:
 
     def _next_object(self) -> None:
         self._has_covered = False
+        self._passes = 0
         self._object += 1
         if self._object < len(self._areas):
             before, area = self._areas[self._object - 1].centre, self._areas[self._object].centre

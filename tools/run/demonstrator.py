@@ -106,7 +106,8 @@ def read_hand(path: Path) -> RecordedHand:
                 f"{path} is of an older version, whose logs lack the hand's damping; record it anew",
             )
         columns = log.columns(HAND_STATE_CHANNEL.topic, names=["time_ns", *names])
-    times = (np.asarray(columns["time_ns"], dtype=float) - float(columns["time_ns"][0])) * 1e-9
+    stamps = np.asarray(columns["time_ns"], dtype=np.int64)
+    times = (stamps - stamps[:1]) * 1e-9  # whole numbers first: they have more digits than a float
     rows = np.column_stack([np.asarray(columns[name], dtype=float) for name in names]).tolist()
     intents = [
         HandIntent(*((row[k], row[k + 1], row[k + 2]) for k in range(0, 15, 3))) if any(row[6:12]) else None
