@@ -322,7 +322,7 @@ class SimulatedHand:
             self._own_ticks += seen.C > 0.5
 
     def _end_lines(self) -> None:
-        """Draw lines between the lines, unless it is enough or the skill was in control along most of these."""
+        """Draw lines between the lines, unless it is enough or the skill had control along most of these."""
         self._has_covered = True
         self._passes += 1
         if self._own_ticks < 0.5 * self._ticks or self._passes >= PASSES:
