@@ -2,6 +2,7 @@
 
 from datetime import UTC, datetime
 from pathlib import Path
+from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
@@ -120,6 +121,43 @@ def export(
     selection = Selection(topics=tuple(topic or ()), columns=tuple(column or ()), start=start, end=end)
     for path, messages in write_files(log, target, selection, force=force).items():
         write(f"{path}: {messages} messages")
+
+
+def plot(
+    log: Path,
+    /,
+    *signals: str,
+    output: Path | None = None,
+    start: float | None = None,
+    end: float | None = None,
+    force: Flag = False,
+) -> None:
+    """Draw signals over time, in the terminal or into a file. Each peak is in the picture.
+
+    A long log is thinned to the smallest and the largest value of each of 2000 intervals.
+
+    Args:
+        log: MCAP file; its further parts are read with it.
+        signals: Names such as /device/state.measured_force.z; the column alone where one topic has it, and a
+            vector's name for its components.
+        output: File to write instead: .png, .svg or .pdf.
+        start: First time, from the beginning of the log [s].
+        end: Time at which to stop [s].
+        force: Write over a file that exists.
+    """
+    from tools.log.plot import plot as draw
+    from tools.log.plot import read
+
+    if not signals:
+        raise RecordingError("name a signal or more behind the log, such as measured_force.z")
+    if output is not None:
+        draw(log, signals, output, start=start, end=end, force=force)
+        write(str(output))
+        return
+    from tools.log.terminal import render
+
+    size = get_terminal_size()
+    write(render(read(log, signals, start, end), width=size.columns, height=size.lines))
 
 
 def cut(

@@ -42,6 +42,7 @@ _COMMANDS = {
     "log info": ("tools.cli.log:info", "Say what a log holds."),
     "log check": ("tools.cli.log:check", "Say which rules a log keeps, and which it breaks."),
     "log events": ("tools.cli.log:events", "List what happened in a session."),
+    "log plot": ("tools.cli.log:plot", "Draw signals over time, in the terminal or a file."),
     "log export": ("tools.cli.log:export", "Write CSV, Parquet or MATLAB files."),
     "log cut": ("tools.cli.log:cut", "Copy a piece of a log."),
     "log merge": ("tools.cli.log:merge", "Copy several logs, or the parts of one, into one."),
