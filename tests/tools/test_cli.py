@@ -102,7 +102,7 @@ def test_what_a_command_returns_is_its_exit_code(result, code):
         ),
         (["config", "show", "--set", "learner"], "key=value"),
         (["config", "show", "--config", "missing.toml"], "missing.toml: file: cannot be read"),
-        (["report"], "hm report --help"),
+        (["log", "report"], "hm log report --help"),
     ],
 )
 def test_a_wrong_command_line_is_refused_with_code_2_and_a_hint(capsys, words, told):
@@ -147,7 +147,7 @@ def test_the_help_of_a_command_is_its_docstring_and_the_list_has_one_line_each(c
 def test_every_command_names_itself_in_the_help(capsys):
     assert run(["--help"]) == 0
     shown = capsys.readouterr().out
-    for command in ("teach", "emulate", "report", "config", "log", "--version"):
+    for command in ("teach", "emulate", "config", "log", "--version"):
         assert command in shown
 
 

@@ -123,6 +123,52 @@ def export(
         write(f"{path}: {messages} messages")
 
 
+def report(log: Path, /, *, output: Path | None = None, force: Flag = False) -> None:
+    """Write the report of a session, from its log alone: one HTML file that loads nothing.
+
+    Args:
+        log: The session's MCAP file; it may be damaged.
+        output: HTML file to write; by default beside the log, with its name.
+        force: Write over a file that exists.
+    """
+    from tools.log.output import whole_file
+    from tools.report import build_report
+
+    path = output if output is not None else log.with_suffix(".html")
+    with whole_file(path, force=force, sources=(log,)) as draft:
+        build_report(log, draft)
+    write(str(path))
+
+
+def compare(
+    *logs: Path,
+    by: list[str] | None = None,
+    output: Path | None = None,
+    force: Flag = False,
+    json: Flag = False,
+) -> None:
+    """Set sessions beside each other: their figures in a table, and their curves in one picture.
+
+    Args:
+        logs: The sessions' MCAP files.
+        by: Group sessions that agree in this, and print means with their 95 % intervals: method, learner,
+            task, seed, or any other key of the log's session record. Can be given several times.
+        output: Write table and pictures into this file: .html, or the pictures alone as .svg.
+        force: Write over a file that exists.
+        json: One JSON object instead of the table.
+    """
+    from tools.log import comparison, comparison_page
+
+    compared = comparison.compare(logs, by=tuple(by or ()))
+    if output is not None:
+        comparison_page.write(compared, output, force=force)
+        tell(str(output))
+    if json:
+        write_json(compared.as_dict())
+    else:
+        write(comparison.as_text(compared))
+
+
 def plot(
     log: Path,
     /,

@@ -186,7 +186,7 @@ def _noting_log(path: Path, view: "SessionView") -> Iterator[None]:
         yield
     except (Exception, KeyboardInterrupt) as error:
         if view.session is not None and path.exists():
-            error.add_note(f"the log is complete up to here: {path}; its report: hm report {path}")
+            error.add_note(f"the log is complete up to here: {path}; its report: hm log report {path}")
         raise
 
 

@@ -56,15 +56,7 @@ def _draw_group(axes: "Axes", unit: str, group: Sequence[Curve], names: dict[str
 
     from tools.report.figures import drawing
 
-    colours = (
-        drawing.BLUE,
-        drawing.RED,
-        drawing.GREEN,
-        drawing.PURPLE,
-        drawing.ORANGE,
-        drawing.SKY,
-        drawing.INK,
-    )
+    colours = drawing.COLOURS
     for number, curve in enumerate(group):
         stroke = _STROKES[number % len(_STROKES)] if len(group) > 1 else "-"
         axes.plot(

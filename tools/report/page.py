@@ -52,7 +52,17 @@ def render(analysis: Analysis, figures: Mapping[str, str]) -> str:
         _events(data),
         _configuration(data),
     )
-    return _PAGE.format(title=escape(title), style=STYLE, body="\n".join(parts))
+    return document(title, "\n".join(parts))
+
+
+def document(title: str, body: str) -> str:
+    """A page of HTML in the report's style.
+
+    Args:
+        title: Its title, plain text.
+        body: What it shows, HTML.
+    """
+    return _PAGE.format(title=escape(title), style=STYLE, body=body)
 
 
 def _origin(data: SessionData) -> str:

@@ -27,6 +27,9 @@ ORANGE = "#e69f00"
 PURPLE = "#cc79a7"
 """Okabe and Ito's colours, which people with any colour vision tell apart."""
 
+COLOURS = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, INK)
+"""The same for lines, in the order in which they are taken."""
+
 STAGE_COLOURS = {0: "#f3f0e6", 1: "#ffffff", 2: "#e8f3ef"}
 
 RC: dict[Any, Any] = {
