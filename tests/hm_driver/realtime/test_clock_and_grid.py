@@ -116,11 +116,11 @@ def test_the_spin_margin_follows_the_99th_percentile_of_the_lateness():
     assert margin.margin_ns < 20_000
 
 
-def test_one_stall_of_the_host_moves_the_spin_margin_by_two_microseconds_at_most():
+def test_one_stall_of_the_host_moves_the_spin_margin_by_four_microseconds_at_most():
     margin = SpinMargin(MS)
     before_ns = margin.margin_ns
     margin.observe(30 * MS)
-    assert margin.margin_ns - before_ns <= 2_000
+    assert margin.margin_ns - before_ns <= 4_000
 
 
 def test_the_spin_margin_keeps_to_its_ceiling_and_to_the_duty_cap():
