@@ -1,6 +1,8 @@
 """The pictures of a study."""
 
+import io
 import math
+import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,7 +21,7 @@ COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e
 MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X")
 LINES: Final = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 _STYLE: Final[dict[Any, Any]] = {
-    "font.size": 15.0,
+    "font.size": 17.0,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
@@ -27,10 +29,21 @@ _STYLE: Final[dict[Any, Any]] = {
     "axes.axisbelow": True,
     "legend.frameon": False,
     "svg.hashsalt": "study",
-    "svg.fonttype": "path",
+    "svg.fonttype": "none",
+    "font.sans-serif": ["DejaVu Sans", "Verdana", "sans-serif"],
+    "figure.constrained_layout.w_pad": 0.12,
+    "figure.constrained_layout.h_pad": 0.08,
     "path.simplify_threshold": 0.5,
 }
 _NOT_COMPARED: Final = "method"
+_LONG_NUMBER: Final = re.compile(r"(?<![\w.#-])-?\d+\.\d{3,}(?![\w.])")
+"""Coordinates are told to a hundredth of a point."""
+_CURVE_END_S: Final = 150.0
+"""The growth of a skill is drawn up to here [s]; most are done long before."""
+_CURVE_RANGE: Final = (0.25, 40.0)
+"""Range of the error while it grows [N]."""
+_MOST_ABOVE: Final = 1.8
+"""How far above the largest mean an interval is drawn, in terms of it."""
 
 _CONTROL: Final = (
     ("human_share", 100.0, "share of human control [%]"),
@@ -69,7 +82,9 @@ def draw(results: Results, directory: Path) -> list[Path]:
 
 
 def _save(figure: "Figure", path: Path) -> Path:
-    figure.savefig(path, metadata={"Date": None})
+    drawn = io.StringIO()
+    figure.savefig(drawn, format="svg", metadata={"Date": None})
+    path.write_text(_LONG_NUMBER.sub(lambda number: f"{float(number[0]):.2f}", drawn.getvalue()))
     return path
 
 
@@ -122,13 +137,15 @@ def _draw_groups(axis: "Axes", cases: Sequence[CaseResult], column: str, factor:
     axis.set_xticks(range(len(groups)), names if any(names) else ["" for _ in groups])
     axis.set_xlim(-0.6, len(groups) - 0.4)
     axis.grid(visible=False, axis="x")
-    axis.set_ylim(bottom=0.0)
+    means = [factor * case.figures[column].mean for case in cases if case.figures[column].n]
+    top = min(axis.get_ylim()[1], _MOST_ABOVE * max(means, default=1.0))
+    axis.set_ylim(0.0, top)
     return [handles[one] for one in series if one in handles]
 
 
 def _draw_errors(cases: Sequence[CaseResult]) -> "Figure":
     _, groups = _split(cases)
-    figure, axes = _new(len(_ERRORS), 1, (max(9.0, 2.0 * len(groups)), 9.0))
+    figure, axes = _new(len(_ERRORS), 1, (max(9.0, 1.8 * len(groups)), 9.0))
     for axis, (column, label) in zip(axes, _ERRORS, strict=True):
         handles = _draw_groups(axis, cases, column, 1.0)
         axis.set_ylabel(label)
@@ -138,7 +155,7 @@ def _draw_errors(cases: Sequence[CaseResult]) -> "Figure":
 
 def _draw_control(cases: Sequence[CaseResult]) -> "Figure":
     _, groups = _split(cases)
-    figure, axes = _new(len(_CONTROL), 1, (max(9.0, 2.0 * len(groups)), 12.0))
+    figure, axes = _new(len(_CONTROL), 1, (max(9.0, 1.8 * len(groups)), 12.0))
     most: list[Any] = []
     for axis, (column, factor, label) in zip(axes, _CONTROL, strict=True):
         handles = _draw_groups(axis, cases, column, factor)
@@ -160,11 +177,15 @@ def _draw_curves(cases: Sequence[CaseResult]) -> "Figure":
             one, rest = _places(case, axes_names)
             if rest == group and len(case.curve_s):
                 handles[one] = _draw_curve(axis, case, series[one])
-        axis.set_title(group, fontsize=15.0)
-        axis.set_ylim(bottom=0.0)
+        axis.set_title(group, fontsize=17.0)
+        axis.set_yscale("log")
+        axis.set_ylim(*_CURVE_RANGE)
+        axis.set_yticks([0.5, 1.0, 2.0, 5.0, 10.0, 20.0], ["0.5", "1", "2", "5", "10", "20"])
+        axis.set_yticks([], minor=True)
+        axis.set_xlim(0.0, min(_CURVE_END_S, axis.get_xlim()[1]))
         axis.set_xlabel("teaching time [s]")
     for axis in axes[::columns]:
-        axis.set_ylabel("force error on the plane [N]")
+        axis.set_ylabel("force error [N]")
     for axis in axes[len(groups) :]:
         axis.remove()
     found = [handles[one] for one in series if one in handles]
@@ -174,14 +195,17 @@ def _draw_curves(cases: Sequence[CaseResult]) -> "Figure":
 
 def _draw_curve(axis: "Axes", case: CaseResult, place: int) -> Any:  # noqa: ANN401 - a matplotlib line
     enough = np.count_nonzero(np.isfinite(case.curve_error), axis=0) >= max(1, 0.5 * case.sessions)
+    enough &= case.curve_s <= _CURVE_END_S
     times = case.curve_s[enough]
     means = [mean_of(column) for column in case.curve_error[:, enough].T]
     colour = COLOURS[place % len(COLOURS)]
-    low, high = [mean.low for mean in means], [mean.high for mean in means]
-    axis.fill_between(times, low, high, color=colour, alpha=0.2, linewidth=0.0)
+    low = [max(mean.low, 0.1 * _CURVE_RANGE[0]) for mean in means]
+    high = [mean.high for mean in means]
+    axis.fill_between(times, low, high, color=colour, alpha=0.12, linewidth=0.0, step="post")
     middle = [mean.mean for mean in means]
     (line,) = axis.plot(
         times, middle, color=colour, linestyle=LINES[place % len(LINES)], linewidth=2.5,
+        drawstyle="steps-post",
         marker=MARKERS[place % len(MARKERS)], markevery=max(1, len(times) // 5), markersize=7,
         label=_places(case, varying_axes([case]) or [_NOT_COMPARED])[0],
     )  # fmt: skip
@@ -221,7 +245,9 @@ def _draw_parameter(axis: "Axes", part: str, cases: Sequence[CaseResult]) -> lis
                 linewidth=2, label=label,
             )
         )  # fmt: skip
-        on.set_ylim(bottom=0.0)
+    errors = [case.figures[name].mean for case in cases for name, _ in _ERRORS]
+    axis.set_ylim(0.0, 1.25 * max((error for error in errors if math.isfinite(error)), default=1.0))
+    times.set_ylim(0.0, 1.15 * max(times.get_ylim()[1] / 1.05, 1.0))
     times.grid(visible=False)
     times.spines["right"].set_visible(True)
     axis.set_xticks(places, [textwrap.shorten(value, 12) for value in values])

@@ -305,4 +305,6 @@ def _as_toml(value: object, directory: Path, key: str) -> str:
 
 
 def _shown(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:g}"
     return value if isinstance(value, str) else json.dumps(value)

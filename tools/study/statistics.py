@@ -88,7 +88,7 @@ def mean_of(values: FloatArray) -> Mean:
     return Mean(float(finite.mean()), half, n)
 
 
-def load_results(store: Store, *, curve_step_s: float = 1.0) -> Results:
+def load_results(store: Store, *, curve_step_s: float = 3.0) -> Results:
     """All results of a directory, in the order of the study file.
 
     Raises:
