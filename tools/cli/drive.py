@@ -92,6 +92,7 @@ def drive(
             if not lines:
                 _talk(context)
             for line in lines:
+                context.is_followed = line is not lines[-1]
                 word = carry_out(context, line)
             if lines and word is not None and word.stays and not _is_bounded(line):
                 stay(context)

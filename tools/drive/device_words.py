@@ -33,6 +33,7 @@ def device_words() -> Iterable[Word[Context]]:
             Option(name="--rate", doc="looks in a second", value=number("HZ", "rate", "Hz", 0.1, 100.0)),
         ),
         more=(
+            "In a pipe, and with a command behind it, it shows one look unless --seconds says how long.\n"
             "force: answers to the hand where it is released. position: does not respond to the hand, and\n"
             "drives to where goto, jog and run lead it. init and home move the arm by themselves."
         ),
@@ -78,7 +79,7 @@ def _state(context: Context, call: Call) -> None:
         if state in (State.FORCE, State.POSITION):
             say_mode(context)
         return
-    if call.has("--once"):
+    if call.has("--once") or (context.is_followed and not call.has("--seconds")):
         status = drive.status()
         if drive.is_driving and not status.rate_hz:  # a rate needs two looks
             time.sleep(0.12)

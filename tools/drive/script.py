@@ -16,6 +16,7 @@ def run_script(context: Context, lines: TextIO) -> None:
     Raises:
         HapticMasterError: The first failure; a note names its line.
     """
+    context.is_followed = True
     for number, line in enumerate(lines, start=1):
         try:
             for command in commands(line):

@@ -27,6 +27,8 @@ class Context:
     is_one_shot: bool = False
     opened: Drive | None = None
     """The drive; None until a device is there."""
+    is_followed: bool = False
+    """Whether other commands wait behind the one that is carried out: what shows without end shows once."""
     is_over: bool = False
     """Whether a word asked for the end."""
 

@@ -115,6 +115,15 @@ def test_lines_from_a_pipe_end_at_the_first_failure_with_its_exit_code(hm, obser
         assert recording.counts["/events"] == 4
 
 
+@pytest.mark.parametrize("words", [[], ["state --json; get state"]])
+def test_a_state_with_commands_behind_it_is_shown_once_and_they_are_carried_out(hm, observer, words):
+    observer.set_state(State.STOP)
+    outcome = hm(*words, lines="" if words else "state --json\nget state\n")
+    assert outcome.returncode == 0, outcome.stderr
+    looks, answer = outcome.stdout.splitlines()
+    assert json.loads(looks)["state"] == answer == "stop"
+
+
 def test_a_device_that_refuses_gives_exit_code_3_and_says_why(hm):
     outcome = hm("get", "measpoz")
     assert outcome.returncode == 3
