@@ -406,7 +406,7 @@ def _damage(part: _Part, path: Path) -> str:
 
 def _without(block: Block, before: Block | None) -> Block:
     """The messages of a block that the last one of the part before does not hold as they are."""
-    if before is None or block.times.min() > before.times.max():
+    if before is None or np.min(block.times) > np.max(before.times):
         return block
     known = {(time, bytes(one)) for time, one in zip(before.times.tolist(), before.payloads, strict=True)}
     pairs = zip(block.times.tolist(), block.payloads, strict=True)

@@ -91,7 +91,7 @@ class Screen:
         pieces: list[list[FloatArray]] = []
         while left.any():
             gaps = np.where(left, ((places - here) ** 2).sum(axis=1), np.inf)
-            nearest = int(gaps.argmin())
+            nearest = int(np.argmin(gaps))
             if not pieces or gaps[nearest] > (3.0 * self._pitch) ** 2:
                 pieces.append([])
             left[nearest] = False

@@ -268,7 +268,7 @@ def _control(analysis: Analysis) -> Line:
     counts = np.bincount(place)
     shares = 100.0 * np.bincount(place, weights=ticks.C[teaching]) / np.maximum(counts, 1)
     shares[counts == 0] = np.nan
-    return Line((np.arange(len(counts)) + 0.5) * CONTROL_STEP_S, shares)
+    return Line(CONTROL_STEP_S * (np.arange(len(counts), dtype=np.float64) + 0.5), shares)
 
 
 def _border(analysis: Analysis) -> Line:

@@ -140,7 +140,7 @@ def _mean(lines: list[Line], *, is_stepped: bool) -> Line:
 def _sample(line: Line, x: np.ndarray, *, is_stepped: bool) -> np.ndarray:
     if is_stepped:
         return line.y[np.clip(np.searchsorted(line.x, x, side="right") - 1, 0, len(line.y) - 1)]
-    return np.interp(x, line.x, line.y, left=math.nan, right=math.nan)
+    return np.asarray(np.interp(x, line.x, line.y, left=math.nan, right=math.nan))
 
 
 def _page(compared: Comparison, svg: str) -> str:

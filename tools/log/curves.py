@@ -111,7 +111,10 @@ class _Collector:
         self.count += len(values)
         finite = values[np.isfinite(values)]
         if len(finite):
-            self._extremes = [min([*self._extremes, finite.min()]), max([*self._extremes, finite.max()])]
+            self._extremes = [
+                min([*self._extremes, float(np.min(finite))]),
+                max([*self._extremes, float(np.max(finite))]),
+            ]
         self._pieces.append((time_s, values))
         if self._envelope is None and self.count > 4 * BINS:
             self._envelope = Envelope(*self._span)
