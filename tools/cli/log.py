@@ -206,6 +206,81 @@ def plot(
     write(render(read(log, signals, start, end), width=size.columns, height=size.lines))
 
 
+def timing(
+    log: Path,
+    /,
+    *,
+    start: float | None = None,
+    end: float | None = None,
+    output: Path | None = None,
+    force: Flag = False,
+    json: Flag = False,
+) -> None:
+    """Say how punctual the loop was: lateness, response, execution, missed periods and drift.
+
+    Args:
+        log: MCAP file; its further parts are read with it.
+        start: First time, from the beginning of the log [s].
+        end: Time at which to stop [s].
+        output: Draw a picture into this file too: .png, .svg or .pdf.
+        force: Write over a file that exists.
+        json: One JSON object instead of the table.
+    """
+    from tools.log import picture
+    from tools.log import timing as timings
+    from tools.log.timing_picture import draw
+
+    found = timings.analyse(log, start, end)
+    if output is not None:
+        picture.write(
+            output, lambda: draw(found, f"Timing of the loop: {log.name}"), force=force, sources=(log,)
+        )
+        tell(str(output))
+    if json:
+        write_json(found.as_dict())
+    else:
+        write_table(timings.as_rows(found))
+
+
+def haptics(
+    log: Path,
+    /,
+    *,
+    start: float | None = None,
+    end: float | None = None,
+    output: Path | None = None,
+    force: Flag = False,
+    json: Flag = False,
+) -> None:
+    """Say what the hand felt: stiffness and damping of the springs, spectra of force and position, energies.
+
+    Stiffness K, damping B and mass m are estimated from motion and force while a spring was engaged, and in
+    free motion; behind ± stands half the 95 % interval.
+
+    Args:
+        log: MCAP file; its further parts are read with it.
+        start: First time, from the beginning of the log [s].
+        end: Time at which to stop [s].
+        output: Draw a picture into this file too: .png, .svg or .pdf.
+        force: Write over a file that exists.
+        json: One JSON object instead of the table.
+    """
+    from tools.log import haptics as felt
+    from tools.log import picture
+    from tools.log.haptics_picture import draw
+
+    found = felt.analyse(log, start, end)
+    if output is not None:
+        picture.write(
+            output, lambda: draw(found, f"What the hand felt: {log.name}"), force=force, sources=(log,)
+        )
+        tell(str(output))
+    if json:
+        write_json(found.as_dict())
+    else:
+        write_table(felt.as_rows(found))
+
+
 def cut(
     source: Path,
     target: Path,

@@ -43,6 +43,8 @@ _COMMANDS = {
     "log events": ("tools.cli.log:events", "List what happened in a session."),
     "log report": ("tools.cli.log:report", "Write the report of a session from its log."),
     "log compare": ("tools.cli.log:compare", "Set sessions beside each other."),
+    "log timing": ("tools.cli.log:timing", "Say how punctual the loop was."),
+    "log haptics": ("tools.cli.log:haptics", "Say what the hand felt: springs, spectra, energies."),
     "log plot": ("tools.cli.log:plot", "Draw signals over time, in the terminal or a file."),
     "log export": ("tools.cli.log:export", "Write CSV, Parquet or MATLAB files."),
     "log cut": ("tools.cli.log:cut", "Copy a piece of a log."),

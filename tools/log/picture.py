@@ -1,10 +1,12 @@
 """Signals over time as a picture: an axis for each unit, lines told apart by colour and by their strokes."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hm_driver.errors import RecordingError
 from tools.log.curves import Curve, by_unit
+from tools.log.output import whole_file
 from tools.log.signals import short_names
 
 if TYPE_CHECKING:
@@ -42,13 +44,30 @@ def draw(curves: Sequence[Curve], title: str) -> "Figure":
     return figure
 
 
-def save(figure: "Figure", path: Path, suffix: str) -> None:
-    """Write a figure in the format of a suffix; equal figures give equal files."""
-    figure.savefig(path, format=suffix.removeprefix("."), dpi=110, metadata=_undated(suffix))
+def write(target: Path, make: Callable[[], "Figure"], *, force: bool, sources: tuple[Path, ...]) -> None:
+    """Draw a figure into a file, by its suffix.
+
+    Args:
+        target: The file.
+        make: What draws the figure; run when it is clear that the file can be made.
+        force: Whether one that is there may be written over.
+        sources: Logs that are read meanwhile.
+
+    Raises:
+        RecordingError: The suffix is none of `SUFFIXES`, or the file cannot be made.
+    """
+    from tools.report.figures import drawing
+
+    suffix = target.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise RecordingError(f"{target}: pictures are {', '.join(SUFFIXES)}, by the suffix")
+    with whole_file(target, force=force, sources=sources) as draft, drawing.context():
+        _save(make(), draft, suffix)
 
 
-def _undated(suffix: str) -> dict[str, None]:
-    return {"Software": None} if suffix == ".png" else {"Date" if suffix == ".svg" else "CreationDate": None}
+def _save(figure: "Figure", path: Path, suffix: str) -> None:
+    date = {".png": "Software", ".svg": "Date", ".pdf": "CreationDate"}[suffix]
+    figure.savefig(path, format=suffix.removeprefix("."), dpi=110, metadata={date: None})
 
 
 def _draw_group(axes: "Axes", unit: str, group: Sequence[Curve], names: dict[str, str]) -> None:

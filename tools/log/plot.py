@@ -3,11 +3,9 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from hm_driver.errors import RecordingError
 from hm_driver.recording.reader import Recording
 from tools.log import picture
 from tools.log.curves import Curve, read_curves
-from tools.log.output import whole_file
 from tools.log.signals import find_signals
 
 
@@ -38,20 +36,9 @@ def plot(
     Raises:
         RecordingError: as `read` does, or the file cannot be made.
     """
-    from tools.report.figures import drawing
-
-    check_suffix(target)
-    with whole_file(target, force=force, sources=(log,)) as draft:
-        curves = read(log, names, start, end)
-        with drawing.context():
-            picture.save(picture.draw(curves, log.name), draft, target.suffix.lower())
-
-
-def check_suffix(target: Path) -> None:
-    """Refuse a picture of another format.
-
-    Raises:
-        RecordingError: The suffix is none of `picture.SUFFIXES`.
-    """
-    if target.suffix.lower() not in picture.SUFFIXES:
-        raise RecordingError(f"{target}: pictures are {', '.join(picture.SUFFIXES)}, by the suffix")
+    picture.write(
+        target,
+        lambda: picture.draw(read(log, names, start, end), log.name),
+        force=force,
+        sources=(log,),
+    )
