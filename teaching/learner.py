@@ -138,6 +138,15 @@ class Learner(Protocol):
         """Factor of each model's weight in eq. (1), shape (N,), oldest first; 1 where all have one say."""
         ...
 
+    @property
+    def variances(self) -> FloatArray | None:
+        """Variance of each model's residuals [squared output units], shape (N, m), oldest first.
+
+        With :attr:`models` and :attr:`say` they give the standard deviation of :meth:`predict`; None where
+        more than these decides it.
+        """
+        ...
+
     def check_parameters(self) -> list[str]:
         """Say which parameters contradict each other, and the consequence."""
         ...

@@ -129,6 +129,20 @@ class LocalModels(ABC):
         gain: FloatArray = self._table[self._layout.books + kernels.GAIN, self._by_age()].copy()
         return gain
 
+    @property
+    def variances(self) -> FloatArray | None:
+        """Variance of each model's residuals [squared output units], shape (N, m), oldest first.
+
+        With :attr:`models` and :attr:`say` they give the standard deviation of :meth:`predict`; None where
+        that follows from more than these, as with projections.
+        """
+        if not self._shares_deviation:
+            return None
+        t, books = self._table[:, self._by_age()], self._layout.books
+        squares = t[books + kernels.SQUARES : books + kernels.SQUARES + self.n_outputs]
+        variances: FloatArray = (squares / t[books + kernels.FREEDOM]).T.copy()
+        return variances if self._scales is None else variances * self._scales[1] ** 2
+
     def check_parameters(self) -> list[str]:
         """Say which parameters contradict each other, and the consequence."""
         p = self._parameters

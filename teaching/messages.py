@@ -65,6 +65,12 @@ LEARNER_STATE: Final = VariableMessage(
         Field("model_born", Kind.DOUBLES, "Samples the learner had seen when it made each model, shape (N,)"),
         Field("say", Kind.DOUBLES, "Factor of each model's weight in eq. (1), shape (N,)"),
         Field("cause", Kind.FIXED32, "0 a batch was learned, 1 models were forgotten, 2 a change was undone"),
+        Field(
+            "variances",
+            Kind.DOUBLES,
+            "Variance of each model's residuals, shape (N, m); none with projections, where more decides std",
+            "m^2",
+        ),
     ),
 )
 
@@ -95,7 +101,7 @@ def pack_learner_state(
     time_ns: int, update: int, coverage: float, learner: Learner, *, cause: int = 0
 ) -> bytes:
     """Wire form of a LearnerState message."""
-    models = learner.models
+    models, variances = learner.models, learner.variances
     return LEARNER_STATE.pack(
         time_ns,
         update,
@@ -113,6 +119,7 @@ def pack_learner_state(
         models.born.tolist(),
         learner.say.tolist(),
         cause,
+        [] if variances is None else variances.ravel().tolist(),
     )
 
 

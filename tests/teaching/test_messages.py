@@ -1,6 +1,7 @@
 import numpy as np
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
+from teaching.lwpr import LWPR
 from teaching.lwr import LWR
 from teaching.messages import (
     ARBITRATION,
@@ -61,5 +62,12 @@ def test_the_learner_is_read_back_from_its_message(rng):
         read.model_born,
     )
     assert list(read.say) == [1.0] * skill.n_models
+    assert list(read.variances) == skill.variances.ravel().tolist()
     for a, b in zip(models, skill.models, strict=True):
         np.testing.assert_array_equal(a, b)
+
+
+def test_a_learner_whose_deviation_follows_from_more_than_its_models_logs_no_variances():
+    read = parse(LEARNER_STATE, pack_learner_state(5, 1, 0.0, LWPR().partial_fit([[0.0, 0.0]], [0.1])))
+    assert len(read.centres) == 2
+    assert list(read.variances) == []

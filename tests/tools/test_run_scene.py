@@ -36,6 +36,8 @@ class TwoModels:
             samples=np.array([5, 5]),
             born=np.array([0, 1]),
         )
+        self.say = np.ones(2)
+        self.variances = None
 
 
 def states(count):

@@ -23,6 +23,9 @@ class Evaluation(NamedTuple):
     """Predicted displacement, eq. (1) [m]."""
     w_max: FloatArray
     """Largest activation."""
+    std: FloatArray | None = None
+    """Standard deviation of a sample about the prediction [m]; None where it was not asked for or the log
+    does not hold what it follows from."""
 
 
 class RunError(NamedTuple):
@@ -72,11 +75,18 @@ class Lateness(NamedTuple):
     max: float
 
 
-def evaluate(skill: Skill, points: FloatArray) -> Evaluation:
-    """Eqs. (1) to (4) for points of shape (n, 2) [m]; the same cut-off as the learner's."""
+def evaluate(skill: Skill, points: FloatArray, *, with_std: bool = False) -> Evaluation:
+    """Eqs. (1) to (4) for points of shape (n, 2) [m]; the same cut-off as the learner's.
+
+    Args:
+        skill: The skill as the log holds it.
+        points: Where.
+        with_std: Whether the deviation is wanted too.
+    """
     n = len(points)
     if not len(skill.centres):
-        return Evaluation(np.zeros(n), np.zeros(n))
+        std = np.full(n, np.inf) if with_std and skill.variances is not None else None
+        return Evaluation(np.zeros(n), np.zeros(n), std)
     offset = points[:, None, :] - skill.centres[None, :, :]
     q = np.einsum("nkj,kji,nki->nk", offset, skill.D, offset, optimize=True)
     nearest = q.min(axis=1)
@@ -85,7 +95,15 @@ def evaluate(skill: Skill, points: FloatArray) -> Evaluation:
     if skill.say is not None:
         w *= skill.say
     local = np.einsum("nkj,kj->nk", offset, skill.M[:, :2]) + skill.M[:, 2]
-    return Evaluation((w * local).sum(axis=1) / w.sum(axis=1), np.exp(-0.5 * nearest))
+    y, w_max = (w * local).sum(axis=1) / w.sum(axis=1), np.exp(-0.5 * nearest)
+    if not with_std or skill.P is None or skill.variances is None:
+        return Evaluation(y, w_max)
+    point, model = np.nonzero(w)
+    z = np.column_stack((offset[point, model], np.ones(len(point))))
+    uncertain = 1.0 + np.einsum("ij,ijk,ik->i", z, skill.P[model], z)
+    parts = uncertain * skill.variances[model] + (local[point, model] - y[point]) ** 2
+    variance = np.bincount(point, w[point, model] * parts, n) / w.sum(axis=1)
+    return Evaluation(y, w_max, np.where(w_max < W_CUTOFF, np.inf, np.sqrt(variance)))
 
 
 def coverage(evaluation: Evaluation, w_th: float) -> float:

@@ -51,7 +51,7 @@ WANTED: dict[str, tuple[str, ...]] = {
     EVENTS_TOPIC: ("time_ns", "level", "name", "text"),
 }
 """Every topic and column that the report reads."""
-LATER: dict[str, tuple[str, ...]] = {LEARNER_TOPIC: ("cause", "say")}
+LATER: dict[str, tuple[str, ...]] = {LEARNER_TOPIC: ("cause", "say", "P", "variances")}
 """Columns that the report reads where a log has them: they came after the first release."""
 
 PRACTICE, TEACHING, AUTONOMOUS = 0, 1, 2
@@ -107,6 +107,10 @@ class Skill:
     """Linear models, the constant last, shape (N, 3)."""
     say: FloatArray | None = None
     """Factor of each model's weight, shape (N,); None for 1."""
+    P: FloatArray | None = None
+    """Covariances of the linear models, shape (N, 3, 3); None where the log lacks what a deviation needs."""
+    variances: FloatArray | None = None
+    """Variance of each model's residuals, shape (N,) [m^2]; None as P."""
     cause: int = 0
     """0 a batch was learned, 1 models were forgotten, 2 a change was undone."""
 
@@ -319,11 +323,20 @@ def _skills(columns: Mapping[str, NDArray[Any]], start_ns: int) -> tuple[Skill, 
             D=columns["D"][row].reshape(-1, 2, 2),
             M=columns["M"][row].reshape(-1, 3),
             say=columns["say"][row] if "say" in columns else None,
+            **_deviations(columns, row),
             cause=int(columns["cause"][row]) if "cause" in columns else 0,
         )
         for row in range(len(columns["time_ns"]))
         if int(columns["update"][row]) > 0 or ("cause" in columns and int(columns["cause"][row]) > 0)
     )
+
+
+def _deviations(columns: Mapping[str, NDArray[Any]], row: int) -> dict[str, FloatArray]:
+    """What the deviation of a skill follows from; nothing where it is not in the log."""
+    n = len(columns["centres"][row]) // 2
+    if "variances" not in columns or len(columns["variances"][row]) != n:
+        return {}
+    return {"P": columns["P"][row].reshape(-1, 3, 3), "variances": columns["variances"][row]}
 
 
 def _cycles(

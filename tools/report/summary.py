@@ -65,6 +65,9 @@ class Summary:
     """Share of the grid where the skill is wrong by more than 2 N."""
     auc_w_max: float
     """How well the activation tells those places: area under the receiver operating characteristic."""
+    auc_std: float
+    """How well the skill's own deviation, by the size of its prediction, tells them; NaN where the log does
+    not hold what the deviation follows from."""
 
     def as_dict(self) -> dict[str, Any]:
         """The summary as nested dictionaries for JSON; None stands for what there is not."""
@@ -97,7 +100,10 @@ def analyse(data: SessionData) -> Analysis:
     points = task.grid(metrics.GRID)
     border = task.border_distances(points)
     stiffness = task.stiffness_at(points)
-    evaluations = tuple(metrics.evaluate(skill, points) for skill in data.skills)
+    final = len(data.skills) - 1
+    evaluations = tuple(
+        metrics.evaluate(skill, points, with_std=k == final) for k, skill in enumerate(data.skills)
+    )
     errors = tuple(np.abs(stiffness * one.y - task.reference_force) for one in evaluations)
     run = metrics.run_samples(data.ticks, data.cycles, task)
     last = data.skills[-1] if data.skills else None
@@ -129,6 +135,7 @@ def analyse(data: SessionData) -> Analysis:
         run=metrics.run_error(run),
         share_wrong=figures.share_wrong,
         auc_w_max=figures.auc_w_max,
+        auc_std=figures.auc_std,
     )
     return Analysis(
         data=data,
@@ -142,12 +149,12 @@ def analyse(data: SessionData) -> Analysis:
 
 
 def _figures(data: SessionData, evaluations: tuple[Evaluation, ...]) -> Figures:
-    """What is said of every session, from the log: it does not hold the skill's deviations."""
+    """What is said of every session, from the log."""
     ticks = data.ticks
     nothing = np.zeros(metrics.GRID**2)
     last = evaluations[-1] if evaluations else Evaluation(nothing, nothing)
     trace = Trace(ticks.time_s, ticks.stage, ticks.C, ticks.recorded, ticks.x, ticks.y, ticks.force)
-    return evaluate(data.task, OnGrid(last.y, last.w_max), trace, w_th=data.w_th, n=metrics.GRID)
+    return evaluate(data.task, OnGrid(last.y, last.w_max, last.std), trace, w_th=data.w_th, n=metrics.GRID)
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever a field holds

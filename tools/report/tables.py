@@ -21,6 +21,11 @@ def session_table(summary: Summary, *, is_virtual: bool) -> str:
             "Coverage (80 × 80 points with w<sub>max</sub> ≥ w<sub>th</sub>)",
             f"{100.0 * summary.coverage:.2f} %",
         ),
+        ("Share of the plane that is wrong by more than 2 N", f"{100.0 * summary.share_wrong:.2f} %"),
+        (
+            "How well these places are told (0.5: not at all, 1: all), by deviation / by w<sub>max</sub>",
+            f"{number(summary.auc_std)} / {number(summary.auc_w_max)}",
+        ),
         ("Changes of control while teaching", f"{summary.hand_overs}"),
         ("Practice / teaching / autonomous run", " / ".join(f"{time:.1f}" for time in stages) + " s"),
         ("Session", f"{summary.session_s:.1f} s"),

@@ -9,6 +9,7 @@ import pytest
 
 from hm_driver.errors import RecordingError
 from hm_driver.geometry import ArmGeometry, cartesian_to_joint
+from hm_driver.recording.reader import Recording
 from hm_driver.recording.schemas import DEVICE_CHANNELS
 from hm_driver.recording.writer import LogWriter
 from teaching.messages import LEARNER_STATE
@@ -16,7 +17,8 @@ from teaching.task_file import load_task
 from tools.report import build_report
 from tools.report.figures.learning import activation_ellipses
 from tools.report.figures.mapping import reach_outline
-from tools.report.session_data import WANTED, load_session
+from tools.report.session_data import WANTED, _skills, load_session
+from tools.report.summary import analyse
 
 SECTIONS = {"learning", "execution", "run-maps", "run-course", "numbers", "handle", "mapping", "timing"}
 
@@ -104,6 +106,24 @@ def test_every_column_that_the_report_reads_is_written(short_log):
     assert len(data.ticks.time_s) > 1000
     assert len(data.cycles.time_s) >= 10 * len(data.ticks.time_s)
     assert data.task.to_dict() == load_task("paper").to_dict()
+
+
+def test_the_report_tells_how_well_the_skills_own_deviation_finds_what_is_wrong(short_log):
+    data = load_session(short_log)
+    summary = analyse(data).summary
+    assert 0.0 <= summary.auc_std <= 1.0
+    assert summary.as_dict()["auc_w_max"] is not None
+
+
+def test_a_log_from_before_variances_were_logged_is_read(short_log):
+    with Recording(short_log) as log:
+        columns = log.columns("/teaching/learner")
+    del columns["variances"]
+    skills = _skills(columns, 0)
+    assert skills[-1].variances is None
+    summary = analyse(replace(load_session(short_log), skills=skills)).summary
+    assert summary.as_dict()["auc_std"] is None
+    assert summary.auc_w_max == analyse(load_session(short_log)).summary.auc_w_max
 
 
 def test_a_session_cut_off_before_any_update_is_still_reported(tmp_path, write_session, short_options):

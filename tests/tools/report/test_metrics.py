@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 from teaching.evaluation import coverage, force_error
 from teaching.lwpr import LWPR
 from teaching.lwr import LWR
+from teaching.rehearsal import RehearsingLWR
 from teaching.rfwr import RFWR
 from teaching.task_file import load_task
 from tools.report import metrics
@@ -25,6 +26,7 @@ def skill_of(learner):
         D=models.D,
         M=models.M[:, :, 0],
         say=learner.say,
+        **({} if learner.variances is None else {"P": models.P, "variances": learner.variances[:, 0]}),
     )
 
 
@@ -49,19 +51,25 @@ def test_the_report_evaluates_a_logged_skill_as_the_learner_does(taught):
     "make",
     [
         lambda: LWR(D=400.0, w_gen=0.8, levels=3),
+        lambda: RehearsingLWR(D=400.0),
         lambda: RFWR(D=400.0, w_gen=0.5, input_scale=0.1, output_scale=0.05),
         lambda: LWPR(D=400.0, w_gen=0.5, input_scale=0.1, output_scale=0.05),
     ],
-    ids=["multi", "rfwr", "lwpr"],
+    ids=["multi", "rehearsing", "rfwr", "lwpr"],
 )
 def test_the_report_evaluates_every_learner_by_the_say_of_its_models(make):
     task, rng = load_task("paper"), np.random.default_rng(3)
     X = rng.uniform(-0.2, 0.2, (1500, 2))
     learner = make().partial_fit(X, (task.reference_force / task.stiffness_at(X))[:, None])
     points = task.grid(20)
-    found = metrics.evaluate(skill_of(learner), points)
-    np.testing.assert_allclose(found.y, learner.predict(points)[:, 0], rtol=0.0, atol=1e-9)
+    found = metrics.evaluate(skill_of(learner), points, with_std=True)
+    y, std = learner.predict(points, return_std=True)
+    np.testing.assert_allclose(found.y, y[:, 0], rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(found.w_max, learner.w_max(points), rtol=1e-9)
+    if learner.variances is None:
+        assert found.std is None
+    else:
+        np.testing.assert_allclose(found.std, std[:, 0], rtol=1e-9)
 
 
 def test_coverage_and_grid_error_are_those_of_the_learner(taught):
@@ -79,6 +87,7 @@ def test_far_away_the_nearest_model_goes_on_and_the_result_is_finite(taught):
     found = metrics.evaluate(skill_of(learner), np.array([[50.0, -50.0]]))
     assert np.isfinite(found.y).all()
     assert found.w_max[0] == 0.0
+    assert np.isinf(metrics.evaluate(skill_of(learner), np.array([[50.0, -50.0]]), with_std=True).std).all()
 
 
 def test_a_skill_without_models_predicts_nothing():
