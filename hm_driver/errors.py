@@ -15,6 +15,10 @@
     └── RecordingError (OSError)              a log could not be written or read
 """
 
+from typing import Self
+
+_LONGEST_SHOWN = 80
+
 
 class HapticMasterError(Exception):
     """Every error that this software raises on purpose."""
@@ -37,7 +41,29 @@ class ConfigurationError(HapticMasterError, ValueError):
 
 
 class TransportError(HapticMasterError, ConnectionError):
-    """The link to the device failed."""
+    """The link to the device failed.
+
+    Args:
+        message: What happened, and what to do next.
+        command: The command that was not answered; empty where the link failed outside an exchange.
+        received: What had come of a reply until then.
+    """
+
+    def __init__(self, message: str, *, command: str = "", received: str = "") -> None:
+        self.command = command
+        self.received = received
+        super().__init__(message)
+
+    @property
+    def reply(self) -> str:
+        """What had come of a reply, as `DeviceError.reply`."""
+        return self.received
+
+    def about(self, command: str, *, received: str = "") -> Self:
+        """The same error, which says what the command was; this one where it says so already."""
+        if self.command:
+            return self
+        return type(self)(_naming(self, command), command=command, received=received or self.received)
 
 
 class TransportTimeout(TransportError, TimeoutError):
@@ -53,12 +79,25 @@ class ProtocolError(HapticMasterError, ValueError):
 
     Args:
         message: What is wrong and what would have been right.
+        command: The command that was answered so; empty outside an exchange.
         received: What was received.
     """
 
-    def __init__(self, message: str, *, received: str = "") -> None:
+    def __init__(self, message: str, *, command: str = "", received: str = "") -> None:
+        self.command = command
         self.received = received
         super().__init__(message)
+
+    @property
+    def reply(self) -> str:
+        """What was received, as `DeviceError.reply`."""
+        return self.received
+
+    def about(self, command: str) -> Self:
+        """The same error, which says what the command was; this one where it says so already."""
+        if self.command:
+            return self
+        return type(self)(_naming(self, command), command=command, received=self.received)
 
 
 class DeviceError(HapticMasterError, RuntimeError):
@@ -99,3 +138,8 @@ class LoopError(HapticMasterError, RuntimeError):
 
 class RecordingError(HapticMasterError, OSError):
     """A log could not be written or read."""
+
+
+def _naming(error: Exception, command: str) -> str:
+    shown = command if len(command) <= _LONGEST_SHOWN else f"{command[: _LONGEST_SHOWN - 3]}..."
+    return f"{error}; the command was {shown!r}"

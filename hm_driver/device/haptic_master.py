@@ -13,8 +13,9 @@
 import contextlib
 import logging
 import time
+from collections.abc import Callable
 from types import TracebackType
-from typing import NamedTuple, Self
+from typing import NamedTuple, Self, TypeVar
 
 from hm_driver.device.effects import Effect
 from hm_driver.device.link import CommandLink, connect_link
@@ -22,12 +23,13 @@ from hm_driver.errors import DeviceFault, HapticMasterError, ProtocolError, Tran
 from hm_driver.geometry import ArmGeometry
 from hm_driver.protocol import commands
 from hm_driver.protocol.framing import Dialect
-from hm_driver.protocol.replies import parse_bool, parse_number, parse_vector, parse_word
+from hm_driver.protocol.replies import parse_bool, parse_number, parse_vector, parse_word, read_reply
 from hm_driver.protocol.vocabulary import State, Value, Vector, check_name
 
 _log = logging.getLogger(__name__)
 
 _POLL_S = 0.02
+_Value = TypeVar("_Value")
 
 
 class Measurement(NamedTuple):
@@ -87,7 +89,7 @@ class HapticMaster:
 
     def command(self, text: str) -> str:
         """Send one command of the device's own language and return its answer, without quotes and ``;``."""
-        return parse_word(self.link.ask(text))
+        return self._ask(parse_word, text)
 
     # States
 
@@ -98,12 +100,13 @@ class HapticMaster:
         Raises:
             ProtocolError: A state that is not known.
         """
-        word = parse_word(self.link.ask("get state"))
+        word = self._ask(parse_word, "get state")
         try:
             return State(word)
         except ValueError:
             known = " ".join(state.value for state in State)
-            raise ProtocolError(f"state {word[:40]!r} is unknown; known: {known}", received=word) from None
+            message = f"state {word[:40]!r} is unknown; known: {known}"
+            raise ProtocolError(message, command="get state", received=word) from None
 
     def set_state(self, state: State, *, timeout_s: float = 5.0) -> None:
         """Change the state and wait until the device is in it; for `State.INIT` see `initialise`.
@@ -144,8 +147,9 @@ class HapticMaster:
 
     def measure(self) -> Measurement:
         """Measured position, velocity and force; one exchange where the device combines, three otherwise."""
-        parts = self.link.exchange_many(("get measpos", "get measvel", "get measforce"))
-        return Measurement(*map(parse_vector, parts))
+        questions = ("get measpos", "get measvel", "get measforce")
+        parts = self.link.exchange_many(questions)
+        return Measurement(*(read_reply(parse_vector, *pair) for pair in zip(questions, parts, strict=True)))
 
     def measured_position(self) -> Vector:
         """Position of the end effector [m]."""
@@ -222,14 +226,14 @@ class HapticMaster:
 
     def os_name(self) -> str:
         """Operating system of the device."""
-        return parse_word(self.link.ask("get os"))
+        return self._ask(parse_word, "get os")
 
     # Virtual mass
 
     @property
     def inertia(self) -> float:
         """Virtual mass [kg]; asks the device. Setting it tells the device, whose minimum is 2 kg."""
-        return parse_number(self.link.ask("get inertia"))
+        return self._ask(parse_number, "get inertia")
 
     @inertia.setter
     def inertia(self, mass: float) -> None:
@@ -238,7 +242,7 @@ class HapticMaster:
     @property
     def coulomb_friction(self) -> float:
         """Virtual Coulomb friction [N]; asks the device. Setting it tells the device."""
-        return parse_number(self.link.ask("get coulombfriction"))
+        return self._ask(parse_number, "get coulombfriction")
 
     @coulomb_friction.setter
     def coulomb_friction(self, force: float) -> None:
@@ -283,7 +287,7 @@ class HapticMaster:
 
     def is_enabled(self, name: str) -> bool:
         """Whether an object is rendered."""
-        return parse_bool(self.link.ask(commands.GetParameter(_checked(name), "enabled").encode()))
+        return self._ask(parse_bool, commands.GetParameter(_checked(name), "enabled").encode())
 
     def set_parameter(self, name: str, parameter: str, value: Value) -> None:
         """Change a parameter of an object; words and units are those of the command language."""
@@ -291,14 +295,17 @@ class HapticMaster:
 
     def parameter(self, name: str, parameter: str) -> Value:
         """Read a parameter of an object: number, vector, quaternion or truth value."""
-        reply = self.link.ask(commands.GetParameter(_checked(name), _checked(parameter)).encode())
-        return commands.parse_value(parse_word(reply))
+        command = commands.GetParameter(_checked(name), _checked(parameter)).encode()
+        return self._ask(lambda reply: commands.parse_value(parse_word(reply)), command)
 
     def _vector(self, quantity: str) -> Vector:
-        return parse_vector(self.link.ask(f"get {quantity}"))
+        return self._ask(parse_vector, f"get {quantity}")
 
     def _bool(self, quantity: str) -> bool:
-        return parse_bool(self.link.ask(f"get {quantity}"))
+        return self._ask(parse_bool, f"get {quantity}")
+
+    def _ask(self, read: Callable[[str], _Value], command: str) -> _Value:
+        return read_reply(read, command, self.link.ask(command))
 
     def _wait_for(self, wanted: State, told: str, timeout_s: float) -> None:
         started = time.monotonic()

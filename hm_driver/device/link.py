@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 from hm_driver.errors import DeviceError, ProtocolError, TransportClosed, TransportError, TransportTimeout
 from hm_driver.protocol.framing import MAX_REPLY_LENGTH, Dialect, ReplyDecoder, encode_request
-from hm_driver.protocol.replies import is_error, parse_number, parse_word, split_parts
+from hm_driver.protocol.replies import is_error, parse_number, parse_word, read_reply, split_parts
 from hm_driver.protocol.vocabulary import ERROR_MARK
 from hm_driver.transport.contract import LinkStatistics, Transport
 from hm_driver.transport.tcp import TcpTransport
@@ -55,7 +55,7 @@ class CommandLink:
         self._transport = transport
         self._decoder = ReplyDecoder(dialect)
         self._in_flight = threading.Lock()
-        self._is_line_due = False
+        self._line_due = b""
         self._line_timeout_s = -1.0
         self._sendall: Callable[[bytes], object] = transport.send
         self._recv: Callable[[int], bytes] = transport.receive
@@ -91,9 +91,9 @@ class CommandLink:
         """
         with self._in_flight:
             if self._broken_by:
-                raise TransportClosed(f"{self.url}: the link is closed ({self._broken_by}); reconnect")
+                raise self._closed(request)
             data = encode_request(self.dialect, request)
-            if self._is_line_due:
+            if self._line_due:
                 self.receive_line()
             self._line_timeout_s = -1.0
             try:
@@ -101,7 +101,7 @@ class CommandLink:
                 reply = self._receive_reply(self.timeout_s if timeout_s is None else timeout_s)
             except (TransportError, ProtocolError) as error:
                 self._break(str(error))
-                raise
+                raise error.about(request) from error
             except BaseException:
                 self._break("an exchange was interrupted")
                 raise
@@ -131,18 +131,19 @@ class CommandLink:
             TransportClosed: The peer is gone, or the link was broken before.
         """
         if self._broken_by:
-            raise TransportClosed(f"{self.url}: the link is closed ({self._broken_by}); reconnect")
+            raise self._closed(_readable(line))
         if self.timeout_s != self._line_timeout_s:
             self._find_short_way()
-        self._is_line_due = True
+        self._line_due = line
         try:
             self._sendall(line)
         except TransportError as error:
             self._break(str(error))
-            raise
+            raise error.about(_readable(line)) from error
         except OSError as error:
             self._break(str(error))
-            raise TransportClosed(f"{self.url}: connection lost: {error}; reconnect") from error
+            lost = TransportClosed(f"{self.url}: connection lost: {error}; reconnect")
+            raise lost.about(_readable(line)) from error
 
     def receive_line(self) -> bytes:
         """Return the line that answers the one that was sent last.
@@ -168,8 +169,8 @@ class CommandLink:
                 reply = self._complete_line(reply)
         except (TransportError, ProtocolError) as error:
             self._break(str(error))
-            raise
-        self._is_line_due = False
+            raise error.about(_readable(self._line_due)) from error
+        self._line_due = b""
         return reply
 
     def exchange_joined(
@@ -183,10 +184,11 @@ class CommandLink:
             ProtocolError: The reply has not `expected_parts` parts.
             HapticMasterError: As `exchange`.
         """
-        parts = split_parts(self.exchange(request, timeout_s=timeout_s))
+        parts = read_reply(split_parts, request, self.exchange(request, timeout_s=timeout_s))
         if len(parts) != expected_parts:
             raise ProtocolError(
                 f"{request[:80]!r} was answered by {len(parts)} parts instead of {expected_parts}",
+                command=request,
                 received=";".join(parts),
             )
         return parts
@@ -246,7 +248,7 @@ class CommandLink:
         with self._in_flight:
             self._transport = transport
             self._decoder = ReplyDecoder(self.dialect)
-            self._is_line_due = False
+            self._line_due = b""
             self._line_timeout_s = -1.0
             self._broken_by = ""
 
@@ -262,6 +264,16 @@ class CommandLink:
             self._sendall, self._recv = transport.socket_calls(part_s)
         else:
             self._sendall, self._recv = transport.send, lambda _size: transport.receive(part_s)
+
+    def _incomplete(self, received: bytes, timeout_s: float) -> TransportTimeout:
+        return TransportTimeout(
+            f"{self.url}: the reply was not complete within {timeout_s:g} s; reconnect",
+            received=repr(received[:200]),
+        )
+
+    def _closed(self, command: str) -> TransportClosed:
+        reason = f"{self.url}: the link is closed ({self._broken_by}); reconnect"
+        return TransportClosed(reason, command=command)
 
     def _break(self, reason: str) -> None:
         self._broken_by = self._broken_by or reason
@@ -280,8 +292,11 @@ class CommandLink:
         while b"\n" not in reply:
             remaining_s = deadline - time.monotonic()
             if remaining_s <= 0.0 or len(reply) > MAX_REPLY_LENGTH:
-                raise TransportTimeout(f"{self.url}: the reply was not complete within {self.timeout_s:g} s")
-            reply += self._transport.receive(remaining_s)
+                raise self._incomplete(reply, self.timeout_s)
+            try:
+                reply += self._transport.receive(remaining_s)
+            except TransportTimeout as error:
+                raise self._incomplete(reply, self.timeout_s) from error
         if reply.find(b"\n") != len(reply) - 1:
             raise ProtocolError(f"{self.url}: more than one reply to one request", received=repr(reply[:200]))
         return reply
@@ -289,12 +304,21 @@ class CommandLink:
     def _receive_reply(self, timeout_s: float) -> str:
         deadline = time.monotonic() + timeout_s
         decoder = self._decoder
-        texts = decoder.feed(self._transport.receive(timeout_s))
+        try:
+            data = self._transport.receive(timeout_s)
+        except TransportTimeout as error:
+            raise TransportTimeout(f"{self.url}: no reply within {timeout_s:g} s; reconnect") from error
+        texts = decoder.feed(data)
         while not texts:
             remaining_s = deadline - time.monotonic()
             if remaining_s <= 0.0:
-                raise TransportTimeout(f"{self.url}: the reply was not complete within {timeout_s:g} s")
-            texts = decoder.feed(self._transport.receive(remaining_s))
+                raise self._incomplete(data, timeout_s)
+            try:
+                more = self._transport.receive(remaining_s)
+            except TransportTimeout as error:
+                raise self._incomplete(data, timeout_s) from error
+            data += more
+            texts = decoder.feed(more)
         if len(texts) > 1 or not decoder.is_empty:
             raise ProtocolError(f"{self.url}: more than one reply to one request", received=";".join(texts))
         return texts[0]
@@ -355,6 +379,10 @@ def _ask_state(link: CommandLink) -> str:
     if not word.isalpha() or is_quoted != (link.dialect is Dialect.FRAMED):
         raise ProtocolError(f"{part[:40]!r} is not a state", received=part)
     return word
+
+
+def _readable(line: bytes) -> str:
+    return line.decode(errors="replace").strip()
 
 
 def _find_refused(request: str, reply: str) -> tuple[str, str]:

@@ -7,8 +7,25 @@ in double quotes (``"stop"``). The functions that read one part take it from eit
 [(0.0, 0.0, 0.1), (1.0, 2.0, 3.0)]
 """
 
+from collections.abc import Callable
+from typing import TypeVar
+
 from hm_driver.errors import DeviceError, ProtocolError
 from hm_driver.protocol.vocabulary import ERROR_MARK, Quaternion, Vector
+
+_Value = TypeVar("_Value")
+
+
+def read_reply(read: Callable[[str], _Value], command: str, reply: str) -> _Value:
+    """Read a reply by one of the functions below; where it cannot be read the error names the command.
+
+    Raises:
+        ProtocolError: The reply is not what `read` takes.
+    """
+    try:
+        return read(reply)
+    except ProtocolError as error:
+        raise error.about(command) from error
 
 
 def split_parts(text: str) -> list[str]:

@@ -124,9 +124,9 @@ class Exchange:
             self._check(reply, start)
         try:
             measurement = parse_measurement(reply[start:end])
-        except ProtocolError:
+        except ProtocolError as error:
             self._check(reply, start)
-            raise
+            raise error.about(self._line.decode().strip()) from error
         if self._asks_state:
             self.state = reply[end + 2 :].decode(errors="replace").rstrip("; \r\n")
         return measurement
@@ -138,7 +138,8 @@ class Exchange:
         expected = len(self._changes)
         if reply.count(b";") != expected + 3 + self._asks_state or reply.count(b";", 0, start) != expected:
             shown = reply[:100].decode(errors="replace")
-            raise ProtocolError(f"reply {shown!r} has not one part for each command", received=shown)
+            problem = ProtocolError(f"reply {shown!r} has not one part for each command", received=shown)
+            raise problem.about(self._line.decode().strip())
 
     def _run_one_by_one(self) -> list[float]:
         for command in self._changes:

@@ -61,6 +61,35 @@ def test_the_refused_one_of_several_commands_is_named():
     assert (caught.value.command, caught.value.reply) == ("get x", "--- ERROR: no")
 
 
+@pytest.mark.parametrize(
+    ("answer", "kind", "received"),
+    [
+        (b"", TransportTimeout, ""),
+        (b"sto", TransportTimeout, "b'sto'"),
+        (b"stop", TransportTimeout, "b'stop'"),
+        (b"stop;\nstop;\n", ProtocolError, "stop;;stop;"),
+        (b"stop\n", ProtocolError, "stop"),
+        (b"1;2;\n", ProtocolError, "1;2"),
+    ],
+)
+def test_an_exchange_that_fails_carries_its_command_and_what_came(answer, kind, received):
+    link, _ = link_to(answer)
+    with pytest.raises(kind, match="'get state'") as caught:
+        link.ask("get state")
+    assert (caught.value.command, caught.value.received) == ("get state", received)
+    assert caught.value.reply == received
+
+
+def test_a_line_of_the_loop_that_is_not_answered_is_named():
+    link, _ = link_to(b"", timeout_s=0.01)
+    with pytest.raises(TransportTimeout, match="'get measpos; get state'") as caught:
+        link.exchange_line(b"get measpos; get state\n")
+    assert caught.value.command == "get measpos; get state"
+    with pytest.raises(TransportClosed) as caught:
+        link.exchange("get os")
+    assert caught.value.command == "get os"
+
+
 def test_a_wrong_number_of_parts_is_refused():
     link, _ = link_to(b"stop;2;\n")
     with pytest.raises(ProtocolError, match="2 parts instead of 3"):

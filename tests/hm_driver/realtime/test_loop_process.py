@@ -12,8 +12,10 @@ from hm_driver.errors import (
     DeviceError,
     DeviceFault,
     LoopError,
+    ProtocolError,
     SafetyTrip,
     TransportError,
+    TransportTimeout,
 )
 from hm_driver.realtime.failure import decode_error, encode_error
 from hm_driver.realtime.options import LoopOptions, TimingOptions, WatchOptions
@@ -297,12 +299,15 @@ def test_a_terminated_loop_ends_gently(device):
         SafetyTrip("force", "too much"),
         DeviceFault("no"),
         TransportError("gone"),
+        TransportTimeout("late", command="get state", received="sto"),
+        ProtocolError("odd", command="get state", received="what"),
     ],
 )
 def test_an_error_crosses_from_process_to_process(error):
     decoded = decode_error(*encode_error(error))
     assert type(decoded) is type(error)
     assert str(decoded) == str(error)
+    assert vars(decoded) == vars(error)
 
 
 def test_an_unknown_error_becomes_a_loop_error():
