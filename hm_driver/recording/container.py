@@ -24,7 +24,9 @@ from hm_driver.recording.chunks import MESSAGE_HEADER
 
 _RECORD_HEADER = struct.Struct("<BQ")
 _FOOTER = struct.Struct("<BQQQI")
+_DATA_END = struct.Struct("<I")
 _CHUNK_HEAD = struct.Struct("<QQQI")
+_READ_BYTES = 1 << 20
 _LARGEST_CHUNK = 1 << 31
 _UNREADABLE = (struct.error, UnicodeDecodeError, McapError, OverflowError, ValueError, MemoryError)
 
@@ -58,6 +60,8 @@ class Contents:
     """Offsets of the metadata records."""
     counts: dict[int, int] | None = None
     """Messages by channel, where the file says so."""
+    data_end: int = 0
+    """Offset of the record that ends the data and holds their checksum; 0 where there is none."""
     damage: str = ""
     """Why the file is not whole; empty where it is."""
 
@@ -141,6 +145,18 @@ class Container:
             raise RecordingError(f"{self.path}: the chunk at byte {place.offset} is damaged: wrong checksum")
         return data
 
+    def has_right_checksum(self) -> bool:
+        """Whether all that stands before the summary bears out its checksum, if the file has one."""
+        end = self.contents.data_end
+        opcode, length = self._header(end) if end else (0, 0)
+        if opcode != Opcode.DATA_END or length != _DATA_END.size:
+            return not end
+        (expected,) = _DATA_END.unpack(self.read(end + _RECORD_HEADER.size, length))
+        checksum = 0
+        for offset in range(0, end, _READ_BYTES):
+            checksum = zlib.crc32(self.read(offset, min(_READ_BYTES, end - offset)), checksum)
+        return expected in (0, checksum)
+
     def message_offsets(self, place: ChunkPlace) -> bytes:
         """Pairs of log time and offset (u64, little endian) of a chunk's messages, as its index has them."""
         pairs = []
@@ -193,6 +209,7 @@ class Container:
             contents = self._parse_summary(summary, start)
         except RecordingError:
             return None
+        contents.data_end = start - _RECORD_HEADER.size - _DATA_END.size
         has_messages = any((contents.counts or {}).values())
         return contents if contents.chunks or not has_messages else None
 
@@ -219,11 +236,12 @@ class Container:
             contents.metadata.append(self._parse(records.MetadataIndex, body, offset).offset)
         elif opcode == Opcode.CHUNK_INDEX:
             index = self._parse(records.ChunkIndex, body, offset)
+            start, end = _span(contents, index.message_start_time, index.message_end_time)
             contents.chunks.append(
                 ChunkPlace(
                     offset=index.chunk_start_offset,
-                    start_time_ns=index.message_start_time,
-                    end_time_ns=index.message_end_time,
+                    start_time_ns=start,
+                    end_time_ns=end,
                     index_offsets=index.message_index_offsets,
                 )
             )
@@ -277,7 +295,8 @@ class Container:
         elif opcode == Opcode.MESSAGE:
             raise RecordingError("it has messages outside of chunks, which are not read")
         elif opcode == Opcode.CHUNK and length >= _CHUNK_HEAD.size:
-            start, end, _, _ = _CHUNK_HEAD.unpack(self.read(body_at, _CHUNK_HEAD.size))
+            first, last, _, _ = _CHUNK_HEAD.unpack(self.read(body_at, _CHUNK_HEAD.size))
+            start, end = _span(contents, first, last)
             contents.chunks.append(
                 ChunkPlace(offset=offset, start_time_ns=start, end_time_ns=end, index_offsets={})
             )
@@ -296,6 +315,14 @@ class Container:
                     self._take_schema(contents, data[start:end], place.offset)
                 elif opcode == Opcode.CHANNEL:
                     self._take_channel(contents, data[start:end], place.offset)
+
+
+def _span(contents: Contents, start: int, end: int) -> tuple[int, int]:
+    """The times that a chunk says it covers, without a checksum; those before where they cannot be."""
+    if 0 <= start <= end < 1 << 63:
+        return start, end
+    before = contents.chunks[-1].end_time_ns if contents.chunks else 0
+    return before, before
 
 
 def split_records(data: bytes) -> list[tuple[int, int, int]]:

@@ -145,16 +145,28 @@ class Recording:
 
     @cached_property
     def metadata(self) -> dict[str, dict[str, str]]:
-        """Records of metadata, by name; a later part's take the place of an earlier one's."""
-        return {
-            record.name: dict(record.metadata)
-            for part in self._parts
-            for record in (part.container.record(records.Metadata, at) for at in part.contents.metadata)
-        }
+        """Records of metadata, by name; a later part's take the place of an earlier one's.
+
+        They have no checksum of their own: one that cannot be read is left out with a warning.
+        """
+        found = {}
+        for part in self._parts:
+            for offset in part.contents.metadata:
+                try:
+                    record = part.container.record(records.Metadata, offset)
+                except RecordingError as error:
+                    warnings.warn(str(error), RecordingWarning, stacklevel=3)
+                else:
+                    found[record.name] = dict(record.metadata)
+        return found
 
     @cached_property
     def attachments(self) -> dict[str, bytes]:
-        """Files inside the log, by name."""
+        """Files inside the log, by name.
+
+        Raises:
+            RecordingError: if one is damaged.
+        """
         return {
             record.name: record.data
             for part in self._parts
@@ -280,6 +292,22 @@ class Recording:
             RecordingError: if there is no such topic, or its messages are not protobuf or damaged.
         """
         return {LOG_TIME: block.times, **self._decoder(topic).decode(block.payloads)}
+
+    def require(self, topic: str, names: Iterable[str]) -> None:
+        """See that a topic has columns, before its blocks are read.
+
+        Raises:
+            RecordingError: if there is no such topic or column, or its messages are not protobuf.
+        """
+        self._names(topic, names)
+
+    def find_broken_checksums(self) -> list[str]:
+        """Read all files from end to end, and tell which do not bear out the checksum over their data."""
+        return [
+            f"{part.container.path} is damaged: wrong checksum over its data"
+            for part in self._parts
+            if not part.container.has_right_checksum()
+        ]
 
     def schema(self, topic: str) -> records.Schema | None:
         """Schema of a topic; None for messages without one.

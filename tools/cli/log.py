@@ -337,7 +337,7 @@ def _summary(recording: "Recording") -> dict[str, object]:
         "duration_s": recording.duration_s,
         "messages": sum(recording.counts.values()),
         "topics": recording.counts,
-        "attachments": {name: len(data) for name, data in recording.attachments.items()},
+        "attachments": {name: len(data) for name, data in _attachments(recording).items()},
         "metadata": recording.metadata,
     }
 
@@ -358,9 +358,19 @@ def _write_summary(recording: "Recording") -> None:
     write("")
     write_table((topic, _rate(count, recording.duration_s)) for topic, count in recording.counts.items())
     write("")
-    write_table((f"attachment {name}", f"{len(data)} bytes") for name, data in recording.attachments.items())
+    write_table(
+        (f"attachment {name}", f"{len(data)} bytes") for name, data in _attachments(recording).items()
+    )
     for name, values in recording.metadata.items():
         write_table((f"{name}.{key}", value) for key, value in values.items())
+
+
+def _attachments(recording: "Recording") -> dict[str, bytes]:
+    try:
+        return recording.attachments
+    except RecordingError as error:
+        tell(f"hm: warning: {error}")
+        return {}
 
 
 def _rate(count: int, duration_s: float) -> str:

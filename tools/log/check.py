@@ -3,18 +3,33 @@
 import json
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from hm_driver.errors import ConfigurationError, RecordingError
 from hm_driver.geometry import ArmGeometry
 from hm_driver.recording.decoding import Columns
 from hm_driver.recording.reader import LOG_TIME, Recording, RecordingWarning
 from hm_driver.recording.schemas import EVENT_LEVELS
 
 _AXES = ("x", "y", "z")
+_NEEDED = {
+    "/device/state": [
+        f"{vector}.{axis}"
+        for vector in ("measured_position", "model_velocity", "measured_force")
+        for axis in _AXES
+    ],
+    "/device/command": [
+        f"{vector}.{axis}" for vector in ("spring_force", "reference_velocity") for axis in _AXES
+    ],
+    "/loop/timing": ["sequence", "missed_periods"],
+    "/teaching/arbitration": ["C", "w_max", "stage"],
+    "/events": ["level", "name", "text"],
+}
+"""Columns without which the rules of a topic cannot be judged."""
 _ROUNDING = 1e-6
 """Relative excess of a limit that the six digits of the wire may cause."""
 
@@ -87,13 +102,17 @@ def check(path: Path) -> list[Finding]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", RecordingWarning)
         with Recording(path) as recording:
-            config = _config(recording)
+            broken = recording.find_broken_checksums()
+            config = _config(recording, broken)
             found = _read(recording, config)
-            damage = [str(one.message) for one in caught if issubclass(one.category, RecordingWarning)]
+            dropped = _dropped(recording)
+            damage = [
+                str(one.message) for one in caught if issubclass(one.category, RecordingWarning)
+            ] + broken
             findings = [
                 Finding("every file is whole and bears out its checksums", not damage, _first(damage))
             ]
-            findings += _of_messages(found, recording)
+            findings += _of_messages(found, dropped)
             findings += _of_the_loop(found)
             findings += _of_limits(found, config, recording.start_time_ns)
             findings += _of_teaching(found)
@@ -105,18 +124,46 @@ def _first(texts: list[str]) -> str:
     return texts[0] + more if texts else "yes"
 
 
-def _config(recording: Recording) -> dict[str, Any]:
-    data = recording.attachments.get("config.json")
+def _config(recording: Recording, broken: list[str]) -> dict[str, Any]:
+    """The configuration inside the log; nothing where there is none, or it is damaged."""
     try:
-        config = json.loads(data) if data else {}
+        config = json.loads(recording.attachments.get("config.json", b"{}"))
+    except RecordingError as error:
+        broken.append(str(error))
+        return {}
     except ValueError:
-        config = {}
+        return {}
     return config if isinstance(config, dict) else {}
+
+
+def _section(config: dict[str, Any], name: str) -> dict[str, Any]:
+    """The numbers in a table of the configuration."""
+    section = config.get(name)
+    pairs = section.items() if isinstance(section, dict) else ()
+    return {
+        key: value for key, value in pairs if isinstance(value, int | float) and not isinstance(value, bool)
+    }
+
+
+def _geometry(config: dict[str, Any]) -> ArmGeometry | None:
+    """The arm; what a newer version says of it beyond what is known here is left out."""
+    known = {field.name for field in fields(ArmGeometry)}
+    values = {key: value for key, value in _section(config, "geometry").items() if key in known}
+    try:
+        return ArmGeometry(**values) if values else None
+    except ConfigurationError:
+        return None
+
+
+def _dropped(recording: Recording) -> int:
+    """Messages that the recorder knows it lost."""
+    text = recording.metadata.get("recording", {}).get("lost", "0")
+    return int(text) if text.isdecimal() and text.isascii() else 0
 
 
 def _read(recording: Recording, config: dict[str, Any]) -> _Findings:
     found = _Findings()
-    geometry = ArmGeometry(**config["geometry"]) if "geometry" in config else None
+    geometry = _geometry(config)
     readers: dict[str, Callable[[Columns], None]] = {
         "/device/state": lambda piece: _state(found, piece, geometry),
         "/device/command": lambda piece: _command(found, piece),
@@ -124,11 +171,23 @@ def _read(recording: Recording, config: dict[str, Any]) -> _Findings:
         "/teaching/arbitration": lambda piece: _arbitration(found, piece),
         "/events": lambda piece: _event(found, piece, recording.start_time_ns),
     }
+    readers = {topic: reader for topic, reader in readers.items() if _is_ours(recording, topic)}
     for topic, block in recording.blocks():
         _follow(found.topics.setdefault(topic, _Topic()), block.times, block.sequences)
         if topic in readers:
             readers[topic](recording.decode(topic, block))
     return found
+
+
+def _is_ours(recording: Recording, topic: str) -> bool:
+    """Whether a topic is there and has the columns that its rules need; a log of others may have its name."""
+    if topic not in recording.topics:
+        return False
+    try:
+        recording.require(topic, _NEEDED[topic])
+    except RecordingError:
+        return False
+    return True
 
 
 def _follow(topic: _Topic, times: np.ndarray[Any, Any], sequences: np.ndarray[Any, Any]) -> None:
@@ -172,9 +231,11 @@ def _command(found: _Findings, piece: Columns) -> None:
     times = piece[LOG_TIME]
     for axis in _AXES:
         found.peak("spring_force").take(piece[f"spring_force.{axis}"], times)
-        found.peak("bias_force").take(piece[f"bias_force.{axis}"], times)
+        if f"bias_force.{axis}" in piece:
+            found.peak("bias_force").take(piece[f"bias_force.{axis}"], times)
         found.peak("reference_velocity").take(piece[f"reference_velocity.{axis}"], times)
-    found.peak("assist_force").take(piece["assist_force"], times)
+    if "assist_force" in piece:
+        found.peak("assist_force").take(piece["assist_force"], times)
 
 
 def _timing(found: _Findings, piece: Columns) -> None:
@@ -189,9 +250,8 @@ def _timing(found: _Findings, piece: Columns) -> None:
 
 
 def _arbitration(found: _Findings, piece: Columns) -> None:
-    _finite(
-        found, "/teaching/arbitration", {name: piece[name] for name in ("x", "y", "depth", "y_cmd", "force")}
-    )
+    chosen = {name: piece[name] for name in ("x", "y", "depth", "y_cmd", "force") if name in piece}
+    _finite(found, "/teaching/arbitration", chosen)
     for name in ("C", "w_max"):
         bad = int((~((piece[name] >= 0.0) & (piece[name] <= 1.0 + 1e-12))).sum())
         found.outside_unit[name] = found.outside_unit.get(name, 0) + bad
@@ -208,11 +268,10 @@ def _event(found: _Findings, piece: Columns, start_ns: int) -> None:
             found.errors.append(f"{(int(time_ns) - start_ns) * 1e-9:.3f} s {name}: {text}")
 
 
-def _of_messages(found: _Findings, recording: Recording) -> Iterator[Finding]:
+def _of_messages(found: _Findings, dropped: int) -> Iterator[Finding]:
     backward = {topic: one.backward for topic, one in found.topics.items() if one.backward}
     yield Finding("time never runs backward on a topic", not backward, _counts(backward))
     lost = {topic: one.lost for topic, one in found.topics.items() if one.lost}
-    dropped = int(recording.metadata.get("recording", {}).get("lost", "0"))
     if dropped and not lost:
         lost = {"all": dropped}
     yield Finding("no message was lost", not lost, _counts(lost))
@@ -233,7 +292,7 @@ def _of_the_loop(found: _Findings) -> Iterator[Finding]:
 
 
 def _of_limits(found: _Findings, config: dict[str, Any], start_ns: int) -> Iterator[Finding]:
-    modes, limits = config.get("modes", {}), config.get("limits", {})
+    modes, limits = _section(config, "modes"), _section(config, "limits")
     for name, limit, unit in (
         ("model_velocity", limits.get("velocity_trip"), "m/s"),
         ("measured_force", limits.get("force_trip"), "N"),
@@ -250,7 +309,7 @@ def _of_limits(found: _Findings, config: dict[str, Any], start_ns: int) -> Itera
         yield Finding(
             f"{name.replace('_', ' ')} is at most {limit:g} {unit}", is_kept, f"{peak.value:.4g} {unit}{at}"
         )
-    if "geometry" in config and "/device/state" in found.topics:
+    if _geometry(config) is not None and "/device/state" in found.topics:
         beyond = f"{found.out_of_reach} states beyond, the first: {found.reach}"
         yield Finding(
             "the arm stays within its end stops",
@@ -260,7 +319,7 @@ def _of_limits(found: _Findings, config: dict[str, Any], start_ns: int) -> Itera
 
 
 def _of_teaching(found: _Findings) -> Iterator[Finding]:
-    if "/teaching/arbitration" not in found.topics:
+    if not found.outside_unit:
         return
     outside = {name: count for name, count in found.outside_unit.items() if count}
     yield Finding("C and w_max are between 0 and 1", not outside, _counts(outside))

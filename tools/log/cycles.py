@@ -68,6 +68,10 @@ def read_cycles(
     Raises:
         RecordingError: The log has no such channels, or the range lies outside of it.
     """
+    recording.require(
+        _STATE, (_KEY, "sequence", *_names("measured_position", "model_velocity", "measured_force"))
+    )
+    recording.require(_COMMAND, (_KEY, *_names("reference", "reference_velocity", "spring_force", "phase")))
     held: dict[str, list[Columns]] = {_STATE: [], _COMMAND: []}
     for topic, block in recording.blocks((_STATE, _COMMAND), start, end):
         held[topic].append(recording.decode(topic, block))
@@ -111,13 +115,22 @@ def _runs(joined: Columns, start_ns: int) -> Iterator[Cycles]:
         reference_velocity=_vector(joined, "reference_velocity"),
         spring_force=_vector(joined, "spring_force"),
         phase=_vector(joined, "phase"),
-        assist_reference=joined["assist_reference"],
-        assist_force=joined["assist_force"],
+        assist_reference=_column(joined, "assist_reference"),
+        assist_force=_column(joined, "assist_force"),
         bias_force=_vector(joined, "bias_force"),
     )
     for first, last in itertools.pairwise(bounds):
         yield whole.part(first, last)
 
 
+def _names(*vectors: str) -> list[str]:
+    return [f"{vector}.{axis}" for vector in vectors for axis in AXES]
+
+
 def _vector(columns: dict[str, NDArray[Any]], name: str) -> FloatArray:
-    return np.column_stack([columns[f"{name}.{axis}"] for axis in AXES])
+    return np.column_stack([_column(columns, one) for one in _names(name)])
+
+
+def _column(columns: dict[str, NDArray[Any]], name: str) -> FloatArray:
+    """A column; zeros where a log is older than the column."""
+    return columns[name] if name in columns else np.zeros(len(columns[_KEY]))

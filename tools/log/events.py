@@ -36,7 +36,7 @@ def events(path: Path, *, name: str | None = None, least: str = "debug") -> list
         raise RecordingError(f"--level {least} is none of {', '.join(EVENT_LEVELS)}")
     with Recording(path) as recording:
         start_ns = recording.start_time_ns
-        columns = recording.columns(EVENTS_CHANNEL.topic)
+        columns = recording.columns(EVENTS_CHANNEL.topic, names=("level", "name", "text"))
     names = {number: level for level, number in EVENT_LEVELS.items()}
     rows = [
         EventRow((int(time_ns) - start_ns) * 1e-9, names.get(int(level), str(level)), str(event), str(text))

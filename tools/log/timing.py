@@ -172,6 +172,7 @@ def as_rows(timing: LoopTiming) -> list[tuple[str, str]]:
 
 def _read(recording: Recording, start: float | None, end: float | None) -> _Series:
     topic = LOOP_TIMING_CHANNEL.topic
+    recording.require(topic, ("sequence", "missed_periods", MEASURES["lateness"]))
     there = recording.describe(topic).columns
     measures = {name: column for name, column in MEASURES.items() if column in there}
     pieces: dict[str, list[NDArray[np.generic]]] = {}
