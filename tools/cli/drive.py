@@ -53,8 +53,8 @@ def drive(
     hm drive help lists them, hm drive help goto explains one. Without --device an emulator is started.
 
     Every motion runs below the loop's limits. However it ends, the device is left in state stop, unless
-    nothing but questions was asked. Exit codes: 0 ok, 1 a check failed, 2 usage, 3 device fault,
-    130 interrupted.
+    nothing but questions was asked. Exit codes: 0 ok, 1 a check failed or the device refused
+    what was typed, 2 usage, 3 the device, the link or the loop failed, 130 interrupted.
 
     Args:
         words: A command, as in: goto 0.05 0 0.1 --speed 0.05.

@@ -22,7 +22,8 @@ class ExitCode(IntEnum):
     OK = 0
     """Done."""
     FAILED = 1
-    """A check failed, or a command could not do its work: an unreadable log, a full disk, a defect."""
+    """A check failed, or a command could not do its work: an unreadable log, a full disk, a
+    command of the user that the device refused, a defect."""
     USAGE = 2
     """The command line or the configuration is wrong; nothing was started."""
     DEVICE_FAULT = 3

@@ -19,6 +19,20 @@ class NotArrived(HapticMasterError):
     """The arm did not come to where it was led: something holds it."""
 
 
+class CommandRefused(HapticMasterError):
+    """The device refused a command that the user gave it; link, device and loop are well.
+
+    Args:
+        command: The command as sent.
+        reply: The reply as received.
+    """
+
+    def __init__(self, command: str, reply: str) -> None:
+        self.command = command
+        self.reply = reply
+        super().__init__(f"the device refused {command!r}: {reply}")
+
+
 class Arrival(NamedTuple):
     """How a motion went that came to its end."""
 

@@ -27,7 +27,7 @@ from tools.drive.effects import EffectTable
 from tools.drive.engine import Engine
 from tools.drive.log import DriveLog
 from tools.drive.options import TICK_S, DriveOptions
-from tools.drive.outcome import Arrival, EndRequested, MotionStopped, NotArrived
+from tools.drive.outcome import Arrival, CommandRefused, EndRequested, MotionStopped, NotArrived
 from tools.drive.pilot import ALL_AXES, Ending, Motion, Pilot
 from tools.drive.raw import Explainer, doubts, is_question, read_command, why_forbidden
 from tools.drive.reach import check_path, check_point, joint_peak
@@ -335,7 +335,7 @@ class Drive:
 
         Raises:
             ConfigurationError: It would undermine the loop, or pull at the handle at once.
-            DeviceError: The device refused it; a note explains why in plain words.
+            CommandRefused: The device refused it; a note explains why in plain words.
         """
         if not is_question(text):
             if self.is_driving:
@@ -352,8 +352,9 @@ class Drive:
         try:
             reply = self.arm.command(text)
         except DeviceError as error:
-            error.add_note(self._explain(text))
-            raise
+            refused = CommandRefused(error.command, error.reply)
+            refused.add_note(self._explain(text))
+            raise refused from error
         if command is not None:
             self.effects.apply(command)
         doubt = doubts(text, self.effects)

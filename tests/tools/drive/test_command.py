@@ -124,10 +124,17 @@ def test_a_state_with_commands_behind_it_is_shown_once_and_they_are_carried_out(
     assert json.loads(looks)["state"] == answer == "stop"
 
 
-def test_a_device_that_refuses_gives_exit_code_3_and_says_why(hm):
+def test_what_the_device_refuses_to_the_user_gives_exit_code_1_and_says_why(hm):
     outcome = hm("get", "measpoz")
-    assert outcome.returncode == 3
+    assert outcome.returncode == 1
+    assert "the device refused 'get measpoz': --- ERROR" in outcome.stderr
     assert "did you mean measpos" in outcome.stderr
+
+
+def test_a_device_that_cannot_be_reached_gives_exit_code_3(hm):
+    outcome = hm("get", "state", device="tcp://127.0.0.1:1", world=None)
+    assert outcome.returncode == 3
+    assert "no connection to 127.0.0.1:1" in outcome.stderr
 
 
 def test_a_trajectory_is_checked_run_and_judged(hm, tmp_path):

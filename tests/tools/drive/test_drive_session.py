@@ -6,12 +6,12 @@ from dataclasses import replace
 import pytest
 
 import hm_driver.recording
-from hm_driver.errors import ConfigurationError, DeviceError, LoopError, SafetyTrip
+from hm_driver.errors import ConfigurationError, LoopError, SafetyTrip
 from hm_driver.protocol.vocabulary import State
 from hm_driver.realtime.claim import DeviceClaim
 from hm_driver.realtime.modes import PositionControl
 from tools.drive.log import DriveLog
-from tools.drive.outcome import NotArrived
+from tools.drive.outcome import CommandRefused, NotArrived
 from tools.drive.session import Drive
 from tools.drive.trajectory import PathThrough
 
@@ -195,7 +195,7 @@ def test_behind_a_stop_the_same_command_is_sent(drive, observer):
 
 def test_a_refusal_of_the_device_carries_its_explanation(drive):
     drive.command("create spring s1")
-    with pytest.raises(DeviceError) as caught:
+    with pytest.raises(CommandRefused) as caught:
         drive.command("set s1 stifness 5")
     assert "did you mean stiffness" in caught.value.__notes__[0]
     drive.command("remove s1")

@@ -11,6 +11,7 @@ from tools.drive.console import Console
 from tools.drive.language import commands
 from tools.drive.log import DriveLog
 from tools.drive.options import DriveOptions
+from tools.drive.outcome import CommandRefused
 from tools.drive.script import run_script
 from tools.drive.session import Drive
 from tools.drive.surface import Context
@@ -116,7 +117,7 @@ def test_an_effect_that_would_jump_is_not_left_behind(say, robot):
 
 
 def test_a_value_that_the_device_refuses_is_explained_and_the_object_removed(say, robot):
-    with pytest.raises(DeviceError) as caught:
+    with pytest.raises(CommandRefused) as caught:
         say("effect create spring guide stiffness=-1")
     assert "accepted: a number 0 to 100000 N/m" in caught.value.__notes__[0]
     with pytest.raises(DeviceError):
