@@ -103,6 +103,17 @@ def test_values_that_do_not_change_are_said_once():
     assert bench.device.log == []
 
 
+def test_a_set_point_far_away_trips_nothing_and_is_approached_at_the_reference_speed():
+    bench = Bench()
+    bench.segment.publish(SetPoint(sequence=1.0, engage_z=1.0, target_z=1e6))
+    bench.run(1000)
+    heights = [float(command.split(",")[-1].rstrip("]")) for command in bench.device.told("set spring_z pos")]
+    steps = [b - a for a, b in itertools.pairwise(heights)]
+    assert bench.segment.words[Word.TRIP] == Trip.NONE
+    assert 0.05 < heights[-1] < 0.1  # no farther ahead of the handle, which stands, than the largest force
+    assert max(steps) <= 0.3e-3 + 1e-6
+
+
 def test_a_spring_that_was_released_is_disabled():
     bench = Bench()
     bench.engage()
