@@ -171,8 +171,7 @@ class LocalModels(ABC):
         Raises:
             ValueError: The shape is wrong or a value is not finite; nothing is learned.
         """
-        self._x[0] = x
-        self._y[0] = y
+        self._take(x, y)
         if self._scales is not None:
             self._x /= self._scales[0]
             self._y /= self._scales[1]
@@ -396,6 +395,21 @@ class LocalModels(ABC):
         other.update(X[0], Y[0])
         if (self.n_inputs, self.n_outputs) == (2, 1):
             other.query_std(0.0, 0.0)
+
+    def _take(self, x: ArrayLike, y: ArrayLike) -> None:
+        """Keep one sample, to be learned."""
+        d, m = self._layout.n_inputs, self._layout.n_outputs
+        try:
+            fits = (d == 1 or len(x) == d) and (m == 1 or len(y) == m)  # type: ignore[arg-type]  # numbers fail
+            if fits:
+                self._x[0] = x
+                self._y[0] = y
+        except (TypeError, ValueError):
+            fits = False
+        if not fits:
+            raise ValueError(
+                f"the sample x = {x!r}, y = {y!r} has not the shapes ({d},) and ({m},); it was not learned"
+            )
 
     def _covariances(self, order: NDArray[np.int64]) -> FloatArray:
         """P of the models in the columns order, shape (N, d + 1, d + 1), in the learner's own units."""

@@ -65,8 +65,9 @@ class RehearsingLWR(LWR):
       and of two that are as precise the wide one, which has averaged over more samples, is not drowned.
 
     Cost per sample is constant, and what is remembered is bounded: the oldest samples go first. Samples are
-    taken five at a time: calls of other sizes than multiples of five learn the same to within rounding of the
-    order, not to the bit.
+    taken five at a time, and weights are set after each five: calls whose sizes are multiples of five learn
+    the same to the bit. Other sizes rehearse in another order and decide otherwise at times, so that there
+    are other models, of about the same error.
 
     Args:
         n_inputs: Number of inputs d.
@@ -111,7 +112,7 @@ class RehearsingLWR(LWR):
         Raises:
             ValueError: The shape is wrong or a value is not finite; nothing is learned.
         """
-        self._x[0], self._y[0] = x, y
+        self._take(x, y)
         self.partial_fit(self._x.copy(), self._y.copy())
 
     def partial_fit(self, X: ArrayLike, Y: ArrayLike) -> Self:
