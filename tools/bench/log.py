@@ -79,7 +79,7 @@ def make_log(path: Path, size_bytes: int, *, compression: Compression = Compress
 
 
 def _cycle(values: Sequence[float], cycle: int, time_ns: int) -> list[float]:
-    """One cycle's values of state, command and timing; forces are noise, as a real sensor's last digits are."""
+    """Values of state, command and timing of a cycle; forces are noise, as a sensor's last digits are."""
     state = [cycle, time_ns, *(1e-3 * one for one in values[:6]), *values[6:9]]
     command = [cycle, time_ns, *(1e-3 * one for one in values[9:15]), *values[15:18], 1.0, 1.0, 1.0]
     command += [0.0, 0.0, 0.0, 0.0, 0.0]
