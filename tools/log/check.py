@@ -250,7 +250,7 @@ def _timing(found: _Findings, piece: Columns) -> None:
 
 
 def _arbitration(found: _Findings, piece: Columns) -> None:
-    chosen = {name: piece[name] for name in ("x", "y", "depth", "y_cmd", "force") if name in piece}
+    chosen: Columns = {name: piece[name] for name in ("x", "y", "depth", "y_cmd", "force") if name in piece}
     _finite(found, "/teaching/arbitration", chosen)
     for name in ("C", "w_max"):
         bad = int((~((piece[name] >= 0.0) & (piece[name] <= 1.0 + 1e-12))).sum())

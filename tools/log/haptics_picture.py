@@ -1,6 +1,6 @@
 """What a hand felt as a picture: springs, spectra and energies."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -46,11 +46,15 @@ def _draw_springs(axes: "Axes", haptics: Haptics) -> None:
         if one.stiffness is None:
             continue
         colour, marker = drawing.COLOURS[number % len(drawing.COLOURS)], _MARKERS[AXES.index(one.axis)]
-        dots = {"linestyle": "", "marker": marker, "markersize": 4, "alpha": 0.4}
+        dots: dict[str, Any] = {"linestyle": "", "marker": marker, "markersize": 4, "alpha": 0.4}
         axes.plot(1e3 * one.deflection, one.restoring, color=colour, **dots)
-        ends = np.array([one.deflection.min(), one.deflection.max()])
+        ends = np.array([np.min(one.deflection), np.max(one.deflection)])
         label = f"{one.kind} {one.axis}: {one.stiffness.value:.0f} ± {one.stiffness.half:.0f} N/m"
-        line = {"color": colour, "linewidth": 2.0, "linestyle": _STROKES[number % len(_STROKES)]}
+        line: dict[str, Any] = {
+            "color": colour,
+            "linewidth": 2.0,
+            "linestyle": _STROKES[number % len(_STROKES)],
+        }
         axes.plot(1e3 * ends, one.stiffness.value * ends, label=label, **line)
     if shown:
         axes.legend(loc="upper left", fontsize=10, frameon=True, edgecolor="none", framealpha=0.85)
@@ -67,7 +71,11 @@ def _draw_energy(axes: "Axes", haptics: Haptics) -> None:
     axes.set_ylabel("Work since then [J]")
     for place, source in enumerate(SOURCES):
         if np.any(energy.work[:, place]):
-            line = {"color": drawing.COLOURS[place], "linestyle": _STROKES[place], "linewidth": 1.8}
+            line: dict[str, Any] = {
+                "color": drawing.COLOURS[place],
+                "linestyle": _STROKES[place],
+                "linewidth": 1.8,
+            }
             axes.plot(energy.time_s, energy.work[:, place], label=source, **line)
     if energy.kinetic is not None:
         lost = energy.work.sum(axis=1) - energy.kinetic
@@ -92,7 +100,11 @@ def _draw_spectrum(axes: "Axes", spectrum: Spectrum | None, name: str, unit: str
     for place, axis in enumerate(AXES):
         density = factor * np.sqrt(densities[:, place])
         if np.any(density > 0.0):
-            line = {"color": drawing.COLOURS[place], "linestyle": _STROKES[place], "linewidth": 1.5}
+            line: dict[str, Any] = {
+                "color": drawing.COLOURS[place],
+                "linestyle": _STROKES[place],
+                "linewidth": 1.5,
+            }
             axes.plot(frequency, density, label=axis, **line)
     if not axes.get_lines():
         _say_nothing(axes, "nothing but zero")

@@ -137,7 +137,7 @@ def analyse(log: Path, start: float | None = None, end: float | None = None) -> 
         missed=lost,
         unlogged=max(0, grid - lost - (len(series.time_s) - 1)),
         rate_hz=round(float(1.0 / np.median(gaps[steps == 1])), 6) if (steps == 1).any() else 0.0,
-        longest_gap_ms=1e3 * float(gaps.max()),
+        longest_gap_ms=1e3 * float(np.max(gaps)),
         percentiles={name: _percentiles(values) for name, values in series.times_us.items()},
         drift_us_per_s=_drift(course_s, course["lateness"][:, 0]),
         saturated=series.saturated,
@@ -204,7 +204,7 @@ def _percentiles(values: NDArray[np.float32]) -> Percentiles:
 
 
 def _course(values: NDArray[np.float32], parts: list[NDArray[np.int64]]) -> FloatArray:
-    return np.array([(np.median(values[part]), values[part].max()) for part in parts], dtype=np.float64)
+    return np.array([(np.median(values[part]), np.max(values[part])) for part in parts], dtype=np.float64)
 
 
 def _drift(times_s: FloatArray, medians: FloatArray) -> float:
