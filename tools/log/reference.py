@@ -1,4 +1,4 @@
-"""Topics and columns of our logs in Markdown: ``python -m tools.log.reference`` prints them for the manual."""
+"""Our topics and columns in Markdown: ``python -m tools.log.reference`` prints them for docs/logs.md."""
 
 import sys
 from collections.abc import Iterator
