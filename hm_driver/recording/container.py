@@ -45,6 +45,8 @@ class ChunkPlace:
     """Latest log time in it."""
     index_offsets: dict[int, int]
     """Where the message index of each channel stands; empty where there is none."""
+    index_span: tuple[int, int] = (0, 0)
+    """Where all of them stand, offset and length; no length where that is not known."""
 
 
 @dataclass(slots=True)
@@ -160,6 +162,13 @@ class Container:
     def message_offsets(self, place: ChunkPlace) -> bytes:
         """Pairs of log time and offset (u64, little endian) of a chunk's messages, as its index has them."""
         pairs = []
+        if place.index_span[1]:
+            data = self.read(*place.index_span)
+            return b"".join(
+                data[start + 6 : end]
+                for opcode, start, end in split_records(data)
+                if opcode == Opcode.MESSAGE_INDEX and (end - start) % 16 == 6
+            )
         for offset in place.index_offsets.values():
             opcode, length = self._header(offset)
             body = self.read(offset + _RECORD_HEADER.size, length) if opcode == Opcode.MESSAGE_INDEX else b""
@@ -243,6 +252,7 @@ class Container:
                     start_time_ns=start,
                     end_time_ns=end,
                     index_offsets=index.message_index_offsets,
+                    index_span=(index.chunk_start_offset + index.chunk_length, index.message_index_length),
                 )
             )
 

@@ -4,7 +4,7 @@ Messages of fixed width are decoded all at once: their bytes are seen as one str
 that every tag byte is where the schema puts it. All others are parsed one by one.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -70,18 +70,21 @@ class Decoder:
         of lists ``float64 list`` and so on, of lists of sub-messages ``message list``."""
         self._layout = _Layout.of(self._descriptor)
 
-    def decode(self, payloads: NDArray[np.uint8] | Sequence[bytes]) -> Columns:
+    def decode(
+        self, payloads: NDArray[np.uint8] | Sequence[bytes], names: Collection[str] | None = None
+    ) -> Columns:
         """Columns of the messages.
 
         Args:
             payloads: The messages: shape (n, size) where all have one size, else one by one.
+            names: Columns that are wanted, others need not be there; all where None.
 
         Raises:
             RecordingError: if one cannot be parsed.
         """
         if isinstance(payloads, np.ndarray):
             if self._layout is not None:
-                columns = self._layout.decode(payloads)
+                columns = self._layout.decode(payloads, names)
                 if columns is not None:
                     return columns
             payloads = [row.tobytes() for row in payloads]
@@ -115,14 +118,15 @@ class _Layout:
         size = _lay_out(descriptor, "", 0, constants, fields)
         return cls(constants, fields, size) if size and fields else None
 
-    def decode(self, payloads: NDArray[np.uint8]) -> Columns | None:
+    def decode(self, payloads: NDArray[np.uint8], names: Collection[str] | None) -> Columns | None:
         """Columns of payloads of shape (n, size); None where they do not look as the schema says."""
         if payloads.shape[1] != self._dtype.itemsize:
             return None
         if not (payloads[:, self._places] == self._bytes).all():
             return None
         rows = np.ascontiguousarray(payloads).view(self._dtype)[:, 0]
-        return {name: rows[name].copy() for name in self._dtype.names or ()}
+        there = self._dtype.names or ()
+        return {name: rows[name].copy() for name in there if names is None or name in names}
 
 
 def _lay_out(

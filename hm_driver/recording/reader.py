@@ -11,7 +11,6 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from mcap import records
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from hm_driver.errors import RecordingError
@@ -255,8 +254,8 @@ class Recording:
         requests = {topic: self._names(topic, names) for topic, names in wanted.items()}
         parts: dict[str, list[Columns]] = {topic: [] for topic in requests}
         for topic, block in self._blocks(tuple(requests), self._span(start, end)):
-            columns = self.decode(topic, block)
-            parts[topic].append({name: columns[name] for name in (LOG_TIME, *requests[topic])})
+            columns = self._decoder(topic).decode(block.payloads, requests[topic])
+            parts[topic].append({LOG_TIME: block.times, **{name: columns[name] for name in requests[topic]}})
         for topic, blocks in parts.items():
             if not blocks:
                 empty = self._decoder(topic).decode([])
@@ -480,7 +479,9 @@ def _rows(content: NDArray[np.uint8], starts: NDArray[np.int64], size: int) -> N
     """The bytes behind each start, shape (n, size)."""
     if not size:
         return np.empty((len(starts), 0), dtype=np.uint8)
-    return np.ascontiguousarray(sliding_window_view(content, size)[starts])
+    windows = np.ndarray((len(content) - size + 1, size), np.uint8, content, strides=(1, 1))
+    rows: NDArray[np.uint8] = windows[starts]  # a sliding_window_view costs several times as much
+    return rows
 
 
 def _headers(content: NDArray[np.uint8], offsets: NDArray[np.int64]) -> NDArray[np.void]:
@@ -503,4 +504,5 @@ def _indexed_messages(
     headers = _headers(content, offsets)
     ends = offsets + 9 + headers["length"].astype(np.int64)
     is_tiled = (ends[:-1] == offsets[1:]).all() and ends[-1] == len(content)
-    return (offsets, headers) if is_tiled and (headers["opcode"] == _MESSAGE).all() else None
+    are_messages = (headers["opcode"] == _MESSAGE) & (headers["length"] >= MESSAGE_HEADER.size - 9)
+    return (offsets, headers) if is_tiled and are_messages.all() else None
