@@ -1,5 +1,6 @@
 """Reading a log: columns as numpy arrays, by topic and time range, also from a truncated file."""
 
+import contextlib
 import glob
 import re
 import warnings
@@ -182,6 +183,14 @@ class Recording:
         schema = next(part.schema(topic) for part in self._parts if topic in part.channels)
         name = schema.name if schema else ""
         return TopicSummary(topic, name, decoder.names, decoder.units, decoder.kinds)
+
+    def describe_readable(self) -> list[TopicSummary]:
+        """What `describe` says of every topic that can be read; those of other encodings are left out."""
+        found = []
+        for topic in self.topics:
+            with contextlib.suppress(RecordingError):
+                found.append(self.describe(topic))
+        return found
 
     def columns(
         self,

@@ -59,7 +59,7 @@ def draw(compared: Comparison) -> "Figure":
         figure.add_subplot(grid[place]) for place in ((0, slice(None)), (1, 0), (1, 1))
     )
     time, distance = "Time since teaching began [s]", "Distance from the nearest border [cm]"
-    who = f"Who was in control, by {CONTROL_STEP_S:g} s"
+    who = f"Who was in control, in steps of {CONTROL_STEP_S:g} s"
     for axes, title, x, y, line_of in (
         (learning, "How the skill grew", time, "Error of the skill [N]", _learning),
         (control, who, time, "Control of the human [%]", _control),

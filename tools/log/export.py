@@ -122,11 +122,7 @@ def _matching(summary: TopicSummary, name: str) -> list[str]:
 
 def _own_topics(recording: Recording) -> list[TopicSummary]:
     """All topics that can be decoded, but those for viewers where there are others."""
-    found = []
-    for topic in recording.topics:
-        schema = recording.schema(topic)
-        if schema is not None and schema.encoding == "protobuf":
-            found.append(recording.describe(topic))
+    found = recording.describe_readable()
     return [one for one in found if not one.schema.startswith(_FOR_VIEWERS)] or found
 
 

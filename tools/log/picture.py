@@ -24,6 +24,8 @@ QUANTITIES = {
 """What a unit measures, for the label of an axis that several signals share."""
 SUFFIXES = (".png", ".svg", ".pdf")
 """Formats of pictures."""
+_FEW = 400
+"""Points of a line up to which its strokes can be seen beside its peaks."""
 _STROKES = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (6, 1.5, 1.5, 1.5)))
 
 
@@ -82,7 +84,9 @@ def _draw_group(axes: "Axes", unit: str, group: Sequence[Curve], names: dict[str
             curve.time_s,
             curve.values,
             color=colours[number % len(colours)],
-            linestyle=stroke if len(curve.time_s) < 400 else "-",
+            linestyle=stroke
+            if len(curve.time_s) < _FEW
+            else _STROKES[number // len(colours) % len(_STROKES)],
             linewidth=1.4,
             drawstyle="steps-post" if curve.signal.is_whole else "default",
             marker="o" if len(curve.time_s) < 30 else "",

@@ -38,7 +38,7 @@ def find_signals(recording: Recording, names: Iterable[str]) -> list[Signal]:
     Raises:
         RecordingError: There is no such signal, or several topics have it.
     """
-    summaries = _summaries(recording)
+    summaries = recording.describe_readable()
     found: dict[str, Signal] = {}
     for name in names:
         for signal in _find(recording, summaries, name):
@@ -51,15 +51,6 @@ def short_names(signals: Iterable[Signal]) -> dict[str, str]:
     signals = list(signals)
     columns = [signal.column for signal in signals]
     return {one.name: one.column if columns.count(one.column) == 1 else one.name for one in signals}
-
-
-def _summaries(recording: Recording) -> list[TopicSummary]:
-    found = []
-    for topic in recording.topics:
-        schema = recording.schema(topic)
-        if schema is not None and schema.encoding == "protobuf":
-            found.append(recording.describe(topic))
-    return found
 
 
 def _find(recording: Recording, summaries: list[TopicSummary], name: str) -> list[Signal]:

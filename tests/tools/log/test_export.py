@@ -7,12 +7,13 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 from log_bench import write
+from mcap.writer import Writer
 from scipy.io import loadmat
 
 import hm_driver.recording
 from hm_driver.errors import RecordingError
 from hm_driver.recording.messages import Field, Kind, VariableMessage
-from hm_driver.recording.schemas import Channel
+from hm_driver.recording.schemas import EVENT, Channel
 from hm_driver.recording.writer import LogWriter
 from tools.cli.main import run
 from tools.log.export import Selection, export
@@ -165,6 +166,23 @@ def test_what_cannot_be_exported_is_refused_and_leaves_nothing(tmp_path, log, ta
     with pytest.raises(RecordingError, match=said):
         export(log, tmp_path / target, Selection(**options))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_topics_of_other_encodings_are_left_out_where_none_was_asked_for(tmp_path):
+    path = tmp_path / "mixed.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema(EVENT.full_name, "protobuf", EVENT.file_descriptor_set())
+        events = writer.register_channel("/events", "protobuf", schema)
+        notes = writer.register_channel("/notes", "json", 0)
+        writer.add_message(notes, 1, b"{}", 1)
+        writer.add_message(events, 2, EVENT.pack(0, 2, 2, "n", "t", []), 2)
+        writer.finish()
+    assert list(export(path, tmp_path / "a.csv", Selection()).values()) == [1]
+    with pytest.raises(RecordingError, match="/notes is not protobuf but json"):
+        export(path, tmp_path / "b.csv", Selection(topics=("/notes",)))
+    assert run(["log", "plot", str(path), "level"]) == 0
 
 
 def test_parquet_without_its_library_says_what_to_install(tmp_path, log, monkeypatch):
