@@ -24,6 +24,9 @@ from hm_driver.recording.chunks import MESSAGE_HEADER
 
 _RECORD_HEADER = struct.Struct("<BQ")
 _FOOTER = struct.Struct("<BQQQI")
+_CHUNK_INDEX = struct.Struct("<QQQQI")
+_CHANNEL_OFFSET = struct.Struct("<HQ")
+_LENGTH = struct.Struct("<Q")
 _DATA_END = struct.Struct("<I")
 _CHUNK_HEAD = struct.Struct("<QQQI")
 _READ_BYTES = 1 << 20
@@ -244,17 +247,27 @@ class Container:
         elif opcode == Opcode.METADATA_INDEX:
             contents.metadata.append(self._parse(records.MetadataIndex, body, offset).offset)
         elif opcode == Opcode.CHUNK_INDEX:
-            index = self._parse(records.ChunkIndex, body, offset)
-            start, end = _span(contents, index.message_start_time, index.message_end_time)
-            contents.chunks.append(
-                ChunkPlace(
-                    offset=index.chunk_start_offset,
-                    start_time_ns=start,
-                    end_time_ns=end,
-                    index_offsets=index.message_index_offsets,
-                    index_span=(index.chunk_start_offset + index.chunk_length, index.message_index_length),
-                )
+            self._take_chunk_index(contents, body, offset)
+
+    def _take_chunk_index(self, contents: Contents, body: bytes, offset: int) -> None:
+        """Read by hand: a large log has ten thousand of these, and they decide how soon it is open."""
+        try:
+            first, last, at, length, size = _CHUNK_INDEX.unpack_from(body)
+            map_end = _CHUNK_INDEX.size + size
+            offsets = dict(_CHANNEL_OFFSET.iter_unpack(body[_CHUNK_INDEX.size : map_end]))
+            (index_length,) = _LENGTH.unpack_from(body, map_end)
+        except struct.error as error:
+            raise RecordingError(f"{self.path}: the record at byte {offset} is damaged: {error}") from error
+        start, end = _span(contents, first, last)
+        contents.chunks.append(
+            ChunkPlace(
+                offset=at,
+                start_time_ns=start,
+                end_time_ns=end,
+                index_offsets=offsets,
+                index_span=(at + length, index_length),
             )
+        )
 
     def _take_schema(self, contents: Contents, body: bytes, offset: int) -> None:
         schema = self._parse(records.Schema, body, offset)
