@@ -75,7 +75,7 @@ class LoopHandle(ABC):
         return self._segment
 
     def start(self) -> None:
-        """Start the loop, and wait until it runs.
+        """Start the loop, and wait until it runs and `state` tells what its first cycle measured.
 
         Raises:
             HapticMasterError: What stopped it from running, as the loop met it: `DeviceFault`,
@@ -90,7 +90,7 @@ class LoopHandle(ABC):
             self._guardian = spawn("hm_driver.realtime.guardian", "main", self._guardian_options())
         limit_s = self._options.init_timeout_s + 4 * self._options.connect_timeout_s + _SPARE_S
         deadline = time.monotonic() + limit_s
-        while segment.status < Status.RUNNING:
+        while not _has_measured(segment):
             self._raise_if_dead()
             if time.monotonic() > deadline:
                 raise LoopError(f"the loop did not run within {limit_s:g} s: {segment.status.name.lower()}")
@@ -301,6 +301,12 @@ def end_process(process: "subprocess.Popen[bytes]", *, patience_s: float) -> Non
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
+
+
+def _has_measured(segment: Segment) -> bool:
+    """Whether the loop has run a cycle, or will run none any more."""
+    status = segment.status
+    return status > Status.RUNNING or (status is Status.RUNNING and segment.state().cycle > 0.0)
 
 
 def _signal_name(number: int) -> str:
