@@ -132,7 +132,8 @@ class BackgroundUpdate(Generic[L]):
     """Learns a batch aside, a few samples a tick, and gives out the finished learner in whole.
 
     Deterministic and without threads: the session goes on with the old learner until :meth:`step`
-    returns the new one. What the learner learns does not depend on samples_per_tick.
+    returns the new one. What the learner learns does not depend on samples_per_tick,
+    but for one that takes several samples at a time, as :class:`teaching.rehearsal.RehearsingLWR` does.
 
     Args:
         learner: A copy that nobody else uses; it is updated and given out.

@@ -369,14 +369,21 @@ def activations(table: FloatArray, state: FloatArray, X: FloatArray, W: FloatArr
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def count_active(table: FloatArray, state: FloatArray, X: FloatArray, q_limit: float) -> int:
-    """Number of rows of X, shape (n, d), where some model's exponent is at most q_limit."""
+    """Number of rows of X, shape (n, d), where some model's exponent is at most q_limit.
+
+    Rows that follow each other are mostly neighbours: the model that was found last is asked first.
+    """
     extent = math.sqrt(q_limit) * state[REACH]
-    count = 0
+    count, last = 0, -1
     for k in range(X.shape[0]):
         low, high = window(table, int(state[N_MODELS]), X[k, 0], extent)
+        if low <= last < high and exponent(table, X.shape[1], last, X, k) <= q_limit:
+            count += 1
+            continue
         for i in range(low, high):
             if exponent(table, X.shape[1], i, X, k) <= q_limit:
                 count += 1
+                last = i
                 break
     return count
 

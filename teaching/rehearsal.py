@@ -27,6 +27,8 @@ from teaching.kernels import FloatArray
 from teaching.local_models import checked, require_count
 from teaching.lwr import LWR
 
+BoolArray = NDArray[np.bool_]
+
 GOLDEN: Final = 0.5 * (math.sqrt(5.0) - 1.0)
 """Multiples of it, modulo 1, visit the memory evenly whatever its size."""
 SLICE: Final = 5
@@ -52,6 +54,28 @@ def teach_model(
     """Let the model in one column learn samples X, Y of shapes (n, d) and (n, m), within its field."""
     for k in range(X.shape[0]):
         kernels.sweep(table, params, Q_FIELD, place, place + 1, X, Y, k, scratch, Q)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def mark_held(
+    X: FloatArray, centres: FloatArray, D: FloatArray, reach: FloatArray, q_limit: float, held: BoolArray
+) -> None:
+    """Set held, shape (n,), for the rows of X, shape (n, d), whose exponent in some field is below q_limit.
+
+    No field goes farther along the first input than its reach.
+    """
+    d, n = X.shape[1], centres.shape[0]
+    for k in range(X.shape[0]):
+        for i in range(n):
+            if abs(X[k, 0] - centres[i, 0]) > reach[i]:
+                continue
+            q = 0.0
+            for j in range(d):
+                for c in range(d):
+                    q += (X[k, j] - centres[i, j]) * D[i, j, c] * (X[k, c] - centres[i, c])
+            if q < q_limit:
+                held[k] = True
+                break
 
 
 class RehearsingLWR(LWR):
@@ -147,9 +171,9 @@ class RehearsingLWR(LWR):
         chosen[indices if indices.size else []] = True
         held = np.zeros(self._n_kept, dtype=bool)
         q_held = -2.0 * math.log(self._parameters["w_gen"])
-        for centre, D in zip(models.centres[chosen], models.D[chosen], strict=True):
-            offset = self._kept_X[: self._n_kept] - centre
-            held |= np.sum((offset @ D) * offset, axis=1) < q_held
+        centres, D = models.centres[chosen], models.D[chosen]
+        reach = 1.001 * np.sqrt(q_held * np.linalg.inv(D)[:, 0, 0])
+        mark_held(self._kept_X[: self._n_kept], centres, D, reach, q_held, held)
         self._forget(held)
         return super().remove(which)
 
@@ -166,6 +190,7 @@ class RehearsingLWR(LWR):
         other = self.copy()
         for x in (0.0, 1e3):
             other.partial_fit(np.full((1, self.n_inputs), x), np.zeros((1, self.n_outputs)))
+        other.remove([0])
 
     def copy(self) -> Self:
         """A learner of the same state that shares nothing with this one."""
@@ -249,7 +274,7 @@ class RehearsingLWR(LWR):
                 self._oldest = (self._oldest + 1) % limit
             self._kept_X[place], self._kept_Y[place] = x, y
 
-    def _forget(self, unwanted: NDArray[np.bool_]) -> None:
+    def _forget(self, unwanted: BoolArray) -> None:
         keep = ~unwanted
         self._kept_X, self._kept_Y = self._kept_X[: self._n_kept][keep], self._kept_Y[: self._n_kept][keep]
         self._n_kept, self._oldest = int(keep.sum()), 0

@@ -98,10 +98,11 @@ def test_prediction_is_finite_everywhere(make, data):
     assert make().query(0.0, 0.0) == (0.0, 0.0)
 
 
-def test_the_share_of_active_points_agrees_with_w_max(make, data, paper):
+def test_the_share_of_active_points_agrees_with_w_max(make, data, paper, rng):
     skill = make().partial_fit(data[0][:200] * 0.5, data[1][:200])
-    grid = paper.grid(40)
-    assert skill.share_active(grid, 0.5) == np.mean(skill.w_max(grid) >= 0.5)
+    for points in (paper.grid(40), rng.permutation(paper.grid(40))):
+        for w in (0.2, 0.5, 0.9):
+            assert skill.share_active(points, w) == np.mean(skill.w_max(points) >= w)
 
 
 def test_models_are_counted(make, data):

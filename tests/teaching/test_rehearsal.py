@@ -82,6 +82,15 @@ def test_removing_models_forgets_what_they_held(rng):
     assert skill.w_max([[0.0, 0.0]])[0] <= 0.5
 
 
+def test_the_samples_that_go_with_a_model_are_those_that_it_held(rng):
+    X = rng.uniform(-0.2, 0.2, (1500, 2))
+    skill = RehearsingLWR(w_gen=0.4).partial_fit(X, step(X))
+    chosen = rng.permutation(skill.n_models)[: skill.n_models // 3]
+    held = np.any(skill.activations(X)[:, chosen] > 0.4, axis=1)
+    skill.remove(chosen)
+    assert 0 < skill.n_remembered == 1500 - held.sum()
+
+
 def test_a_saved_learner_goes_on_as_if_nothing_had_happened(rng, tmp_path):
     X, Y = halves(rng, 600)
     skill = RehearsingLWR().partial_fit(X[:400], Y[:400])
