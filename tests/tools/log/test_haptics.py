@@ -1,8 +1,8 @@
 import json
 import math
 
-import arm_bench
 import numpy as np
+import oscillating_arm
 import pytest
 from log_bench import write
 
@@ -18,7 +18,7 @@ from tools.log.spectrum import WINDOW, Welch
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
-    return arm_bench.write(tmp_path_factory.mktemp("log") / "arm.mcap")
+    return oscillating_arm.write(tmp_path_factory.mktemp("log") / "arm.mcap")
 
 
 @pytest.fixture(scope="module")
@@ -32,9 +32,9 @@ def rendered(felt, kind, axis="x"):
 
 def test_a_spring_is_found_with_its_stiffness_and_damping(felt):
     spring = rendered(felt, "position spring")
-    assert spring.stiffness.value == pytest.approx(arm_bench.STIFFNESS, rel=0.01)
-    assert spring.damping.value == pytest.approx(arm_bench.DAMPING, rel=0.01)
-    assert 0.0 < spring.stiffness.half < 0.01 * arm_bench.STIFFNESS
+    assert spring.stiffness.value == pytest.approx(oscillating_arm.STIFFNESS, rel=0.01)
+    assert spring.damping.value == pytest.approx(oscillating_arm.DAMPING, rel=0.01)
+    assert 0.0 < spring.stiffness.half < 0.01 * oscillating_arm.STIFFNESS
     assert (spring.asked_stiffness, spring.asked_damping) == pytest.approx((2000.0, 120.0))
     assert spring.mass is None
     assert spring.r2 > 0.999
@@ -43,8 +43,8 @@ def test_a_spring_is_found_with_its_stiffness_and_damping(felt):
 
 def test_free_motion_shows_the_mass_and_the_damping(felt):
     free = rendered(felt, "free")
-    assert free.mass.value == pytest.approx(arm_bench.MASS, rel=0.01)
-    assert free.damping.value == pytest.approx(arm_bench.FREE_DAMPING, abs=0.3)
+    assert free.mass.value == pytest.approx(oscillating_arm.MASS, rel=0.01)
+    assert free.damping.value == pytest.approx(oscillating_arm.FREE_DAMPING, abs=0.3)
     assert free.stiffness is None
 
 
@@ -59,16 +59,16 @@ def test_what_did_not_move_is_not_estimated(felt):
 
 
 def test_without_a_configuration_the_mass_is_estimated_beside_the_spring(tmp_path):
-    felt = analyse(arm_bench.write(tmp_path / "bare.mcap", seconds=10.0, modes=None, release=1.0))
+    felt = analyse(oscillating_arm.write(tmp_path / "bare.mcap", seconds=10.0, modes=None, release=1.0))
     spring = rendered(felt, "position spring")
-    assert spring.mass.value == pytest.approx(arm_bench.MASS, rel=0.1)
-    assert spring.stiffness.value == pytest.approx(arm_bench.STIFFNESS, rel=0.05)
+    assert spring.mass.value == pytest.approx(oscillating_arm.MASS, rel=0.1)
+    assert spring.stiffness.value == pytest.approx(oscillating_arm.STIFFNESS, rel=0.05)
     assert (felt.mass, felt.energy.dissipated, spring.asked_stiffness) == (None, None, None)
 
 
 def test_a_saturated_spring_is_left_out(tmp_path):
-    modes = arm_bench.MODES | {"position_force_max": 6.0}
-    felt = analyse(arm_bench.write(tmp_path / "weak.mcap", modes=modes, release=1.0))
+    modes = oscillating_arm.MODES | {"position_force_max": 6.0}
+    felt = analyse(oscillating_arm.write(tmp_path / "weak.mcap", modes=modes, release=1.0))
     assert all(one.time_s < 6.0 for one in felt.rendered)
 
 
@@ -83,8 +83,8 @@ def test_the_energy_of_the_hand_goes_into_motion_and_damping(felt):
 
 
 def test_an_undamped_mass_dissipates_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr(arm_bench, "FREE_DAMPING", 0.0)
-    felt = analyse(arm_bench.write(tmp_path / "free.mcap", release=0.0, noise=0.0))
+    monkeypatch.setattr(oscillating_arm, "FREE_DAMPING", 0.0)
+    felt = analyse(oscillating_arm.write(tmp_path / "free.mcap", release=0.0, noise=0.0))
     assert felt.energy.dissipated == pytest.approx(0.0, abs=0.01 * felt.energy.work[-1][0] + 0.02)
 
 
@@ -109,7 +109,7 @@ def test_a_spectrum_of_pieces_is_that_of_the_whole():
 
 
 def test_cycles_come_in_pieces_without_gaps(tmp_path):
-    path = arm_bench.write(tmp_path / "gap.mcap", seconds=3.0, lost={1000, 1001, 2500})
+    path = oscillating_arm.write(tmp_path / "gap.mcap", seconds=3.0, lost={1000, 1001, 2500})
     with Recording(path) as recording:
         pieces = list(read_cycles(recording))
         assert [len(piece.time_s) for piece in pieces] == [1000, 1498, 499]

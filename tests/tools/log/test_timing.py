@@ -1,6 +1,6 @@
 import json
 
-import arm_bench
+import oscillating_arm
 import pytest
 from log_bench import write
 
@@ -18,7 +18,7 @@ def late(cycle):
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
-    return arm_bench.write(
+    return oscillating_arm.write(
         tmp_path_factory.mktemp("log") / "arm.mcap", seconds=2.0, late=late, lost={700, 701, 1800}
     )
 
