@@ -117,11 +117,12 @@ def fused(request):
 def options_of(name):
     if name in METHODS:
         chosen = load_options(overrides={"method": name}).value
+        flush = chosen.session.flush or (30 if name == "success" else 0)  # its hand-overs come before 100
         session = dataclasses.replace(
-            chosen.session, practice=0.5, give_up=9.0, examination=0.5, autonomous_spacing=0.4
+            chosen.session, practice=0.5, give_up=9.0, examination=0.5, autonomous_spacing=0.4, flush=flush
         )
         return dataclasses.replace(
-            chosen, session=session, accumulation=AccumulationOptions(N_acc=100), demonstrator=HASTY
+            chosen, session=session, accumulation=AccumulationOptions(N_acc=60), demonstrator=HASTY
         )
     return dataclasses.replace(OPTIONS, **VARIANTS[name])
 
@@ -137,7 +138,7 @@ def test_a_fused_session_decides_as_the_one_in_lockstep(tmp_path, name, seed):
     assert their_end is None
     assert session.stage is Stage.DONE
     assert len(expected.ticks) > 900
-    assert expected.skills or name in ("button", "success")
+    assert expected.skills, "nothing was learned: nothing was compared"
     for k, (tick, twin) in enumerate(zip(notes.ticks, expected.ticks, strict=True)):
         assert tick == twin, f"tick {k}"
     assert notes.skills == expected.skills

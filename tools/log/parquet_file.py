@@ -28,7 +28,7 @@ def write(path: Path, table: "Table", pieces: Iterator[Columns]) -> int:
         import pyarrow.parquet as pq
     except ImportError as error:
         raise RecordingError(
-            "Parquet files need pyarrow: pip install 'hapticmaster-stack[study]', or export to .csv or .mat"
+            'Parquet files need pyarrow: in the clone, .venv/bin/pip install ".[study]"; or take .csv or .mat'
         ) from error
 
     def field(name: str, kind: str) -> Any:  # noqa: ANN401 - pyarrow has no types

@@ -214,5 +214,5 @@ def _require(extra: "Extra") -> None:
         raise ConfigurationError(
             "hm study",
             f"{' and '.join(missing)} {'are' if len(missing) > 1 else 'is'} not installed; "
-            f"pip install 'hapticmaster-stack[{extra.value}]'",
+            f'in the clone, .venv/bin/pip install ".[{extra.value}]"',
         )

@@ -116,6 +116,31 @@ def test_a_worker_that_dies_once_costs_nothing_but_time(tmp_path, study):
     assert (outcome.ran, outcome.lost) == (6, ())
 
 
+@pytest.mark.parametrize("method", ["paper", "confident"])
+def test_a_row_says_of_a_session_what_hm_teach_says_of_it(tmp_path, method, capsys):
+    base = FILE.split("[base]")[1].split("[cross]", maxsplit=1)[0].replace(" ", "").split()
+    (tmp_path / "study.toml").write_text(FILE.replace('["paper", "button"]', f'["{method}"]'))
+    job = load_study(tmp_path / "study.toml").jobs[0]
+    row = run_session(job)
+    words = [word for option in base for word in ("--set", option)]
+    output = ["--output", str(tmp_path), "--json"]
+    assert hm(["teach", "--fast", "--method", method, "--seed", str(row["seed"]), *words, *output]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert row["updates"] > 0
+    for name in ("updates", "models", "models_added", "models_pruned", "samples", "hand_overs"):
+        assert row[name] == told[name], name
+    figures = {
+        name: told[name] for name in ("coverage", "human_share", "share_wrong", "auc_std", "auc_w_max")
+    }
+    for where in ("overall", "inside", "border"):
+        for part in ("mean", "p95", "max"):
+            figures[f"grid_{where}_{part}"] = told["grid"][where][part]
+            figures[f"run_{where}_{part}"] = told["run"]["force"][where][part]
+    figures["teaching_s"] = told["teaching_from_first_sample_s"]
+    for name, value in figures.items():
+        assert row[name] == pytest.approx(value, rel=1e-6, abs=1e-6, nan_ok=True), name
+
+
 def test_a_session_that_trips_is_told_in_its_row(study):
     job = study.jobs[0]
     limits = dataclasses.replace(job.options.limits, velocity_z=0.02)
@@ -159,7 +184,7 @@ def test_a_backend_that_is_not_there_says_what_to_install(tmp_path, study, backe
     monkeypatch.setattr("importlib.util.find_spec", lambda name, *_: None if name != "joblib" else object())
     code = hm(["study", "run", str(study.path), "--output", str(tmp_path / "out"), "--backend", backend])
     assert code == 2
-    assert "pip install 'hapticmaster-stack[" in capsys.readouterr().err
+    assert '.venv/bin/pip install ".[' in capsys.readouterr().err
 
 
 def test_an_address_without_a_cluster_is_refused(tmp_path, study, capsys):
