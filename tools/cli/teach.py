@@ -230,7 +230,10 @@ def _print(values: dict[str, Any], *, ran_s: float) -> None:
 
 
 def _rows(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    from tools.report.words import sources
+
     yield "method", f"{values['method']}: learner {values['learner']}, arbitration {values['arbitration']}"
+    yield "of them", sources(values["learner"], values["arbitration"])
     yield "updates", f"{values['updates']} ({values['samples']} samples)"
     yield "models", f"{values['models']} ({values['models_added']} added, {values['models_pruned']} pruned)"
     yield "coverage", f"{100.0 * values['coverage']:.1f} %"

@@ -70,7 +70,9 @@ def _origin(data: SessionData) -> str:
     parts = [f"{name} {value}" for name, value in session.items() if value and len(value) <= 80]
     described = " · ".join(escape(part) for part in (data.path.name, *parts))
     description = f"<p>{escape(data.task.description)}.</p>" if data.task.description else ""
-    return f'{description}<p class="origin">{described}</p>'
+    kinds = [str(data.config.get(part, {}).get("kind", part)) for part in ("learner", "arbitration")]
+    whose = f"<p>{escape(words.sources(*kinds))}</p>"
+    return f'{description}{whose}<p class="origin">{described}</p>'
 
 
 def _cards(analysis: Analysis) -> str:

@@ -2,11 +2,37 @@
 
 import math
 from html import escape
+from typing import Final
 
 import numpy as np
 
 from tools.report.session_data import AUTONOMOUS, SESSION_METADATA, TEACHING
 from tools.report.summary import Analysis
+
+LEARNERS: Final = {
+    "lwr": "the paper's",
+    "multi": "ours",
+    "rfwr": "Schaal and Atkeson 1998",
+    "lwpr": "Vijayakumar, D'Souza and Schaal 2005",
+}
+"""Whose each kind of learner is."""
+ARBITRATIONS: Final = {
+    "paper": "the paper's eq. (9)",
+    "confidence": "ours",
+    "error": "ours, in the spirit of the paper's [7], whose formula is not public",
+    "success": "ours, in the spirit of the paper's [24], whose formula is not public",
+    "button": "ours, in the spirit of HG-DAgger (Kelly et al. 2019)",
+}
+"""Whose each kind of arbitration is."""
+
+
+def sources(learner: str, arbitration: str) -> str:
+    """Whose learner and arbitration are, by their kinds; plain text."""
+    named = (
+        ("Learner", learner, LEARNERS.get(learner)),
+        ("Arbitration", arbitration, ARBITRATIONS.get(arbitration)),
+    )
+    return " ".join(f"{what} {kind}: {whose or 'unknown'}." for what, kind, whose in named)
 
 
 def notes(analysis: Analysis) -> list[str]:

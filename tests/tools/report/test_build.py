@@ -19,6 +19,8 @@ from tools.report.figures.learning import activation_ellipses
 from tools.report.figures.mapping import reach_outline
 from tools.report.session_data import WANTED, _skills, load_session
 from tools.report.summary import analyse
+from tools.report.words import sources
+from tools.run.options import ArbitrationKind, LearnerKind
 
 SECTIONS = {"learning", "execution", "run-maps", "run-course", "numbers", "handle", "mapping", "timing"}
 
@@ -106,6 +108,19 @@ def test_every_column_that_the_report_reads_is_written(short_log):
     assert len(data.ticks.time_s) > 1000
     assert len(data.cycles.time_s) >= 10 * len(data.ticks.time_s)
     assert data.task.to_dict() == load_task("paper").to_dict()
+
+
+def test_the_report_says_whose_learner_and_arbitration_are(report):
+    text = report[0].read_text(encoding="utf-8")
+    assert "Learner lwr: the paper&#x27;s. Arbitration paper: the paper&#x27;s eq. (9)." in text
+
+
+@pytest.mark.parametrize(
+    "kind", [kind.value for kind in ArbitrationKind if kind is not ArbitrationKind.PAPER]
+)
+def test_what_is_not_the_papers_is_called_ours(kind):
+    assert f"Arbitration {kind}: ours" in sources("multi", kind)
+    assert all(sources(learner.value, kind).count("unknown") == 0 for learner in LearnerKind)
 
 
 def test_the_report_tells_how_well_the_skills_own_deviation_finds_what_is_wrong(short_log):
