@@ -30,6 +30,8 @@ REFUSED_IMPORTS = ("numpy", "numba", "scipy", "matplotlib", "pandas", "torch")
 _DRY_RUNS = 200
 _MOST_MODULES = 200
 """Modules that a law may bring with it; each is memory that is locked, and time at the start."""
+_STALL_NS = 30_000_000
+"""Half of the time after which the guardian takes the loop for frozen."""
 _PATIENCE_S = 5.0
 
 
@@ -47,7 +49,8 @@ class LawRunner:
     Args:
         law: The law.
         name: How messages name it.
-        budget_ns: Longest time a step may take [ns]; three longer ones in a row are a problem.
+        budget_ns: Longest time a step may take [ns]; three longer ones in a row are a problem, and one
+            alone that takes 30 ms more: short of that it may be a stall of the machine.
     """
 
     __slots__ = ("_budget_ns", "_law", "_name", "_slow", "_steps")
@@ -72,7 +75,7 @@ class LawRunner:
         self._steps += 1
         values[U_SEQUENCE] = float(self._steps)
         self._slow = self._slow + 1 if taken_ns > self._budget_ns else 0
-        if self._slow > 2 or taken_ns > 20 * self._budget_ns:
+        if self._slow > 2 or taken_ns > self._budget_ns + _STALL_NS:
             limit_us = self._budget_ns * 1e-3
             return [], f"the law {self._name} took {taken_ns * 1e-3:.0f} µs; {limit_us:.0f} µs are allowed"
         return values, ""

@@ -95,3 +95,18 @@ def test_a_law_may_be_late_twice_in_a_row_and_not_three_times():
     problems = [runner.step(LoopState(), SetPoint(), 0.001)[1] for _ in range(3)]
     assert problems[:2] == ["", ""]
     assert "1000 µs are allowed" in problems[2]
+
+
+def test_a_law_that_a_stall_of_the_machine_holds_up_once_goes_on_and_one_that_hangs_does_not():
+    class Law:
+        seconds = 0.008
+
+        def step(self, state, command, dt):  # noqa: ARG002  # a law's signature
+            time.sleep(self.seconds)
+            return command
+
+    law = Law()
+    runner = LawRunner(law, name="stalled", budget_ns=MS // 3)
+    assert runner.step(LoopState(), SetPoint(), 0.001)[1] == ""
+    law.seconds = 0.035
+    assert "333 µs are allowed" in runner.step(LoopState(), SetPoint(), 0.001)[1]

@@ -197,7 +197,7 @@ def test_a_silent_application_is_noticed_and_the_device_stopped_within_100_ms(de
         with pytest.raises(SafetyTrip, match="silent"):
             loop.check()
     stopped = device.times_of("set state stop")
-    assert len(stopped) == 1
+    assert len(stopped) == 1, loop.result()
     assert (stopped[0] - last_ns) * 1e-9 <= floor.allows(0.1)
 
 
