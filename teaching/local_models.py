@@ -473,7 +473,7 @@ def checked(name: str, values: ArrayLike, width: int) -> FloatArray:
         raise ValueError(f"{name} has the shape {np.shape(values)}; it must be (n, {width})")
     if not np.isfinite(array).all():
         bad = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
-        raise ValueError(f"{name}[{bad}] = {array[bad]} is not finite; nothing was learned")
+        raise ValueError(f"{name}[{bad}] = {array[bad]} is not finite; nothing was done")
     return array
 
 
@@ -536,7 +536,10 @@ def metric_matrix(D: ArrayLike, n_inputs: int) -> FloatArray:
     Raises:
         ConfigurationError: The shape is wrong, or D is not symmetric positive definite.
     """
-    given = np.asarray(D, dtype=float)
+    try:
+        given = np.asarray(D, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError("D", f"{D!r} must be a number, a diagonal or a square matrix") from error
     if given.ndim == 0:
         given = np.full(n_inputs, float(given))
     matrix = np.diag(given) if given.ndim == 1 else given

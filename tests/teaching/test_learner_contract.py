@@ -270,7 +270,9 @@ def test_numbers_of_inputs_and_outputs_are_whole_and_above_0(make, arguments):
         make(*arguments)
 
 
-@pytest.mark.parametrize("D", [0.0, -4.0, math.inf, [1.0, -1.0], [[1.0, 2.0], [2.0, 1.0]], [[1.0]]])
+@pytest.mark.parametrize(
+    "D", [0.0, -4.0, math.inf, [1.0, -1.0], [[1.0, 2.0], [2.0, 1.0]], [[1.0]], "wide", [[1.0], [1.0, 2.0]]]
+)
 def test_a_metric_that_is_not_positive_definite_is_refused(make, D):
     with pytest.raises(ConfigurationError, match="D"):
         make(D=D)
