@@ -187,7 +187,7 @@ def test_topics_of_other_encodings_are_left_out_where_none_was_asked_for(tmp_pat
 
 def test_parquet_without_its_library_says_what_to_install(tmp_path, log, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(RecordingError, match=r"pip install 'hapticmaster-stack\[study\]'"):
+    with pytest.raises(RecordingError, match=r'pip install "\.\[study\]"'):
         export(log, tmp_path / "a.parquet", Selection(topics=("/events",)))
 
 
