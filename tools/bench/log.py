@@ -6,12 +6,10 @@ which the wall time and the largest memory are printed. The file is in the page 
 
 import argparse
 import json
-import os
 import random
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,22 +85,30 @@ def _cycle(values: Sequence[float], cycle: int, time_ns: int) -> list[float]:
     return [*state, *command, cycle, time_ns, *times, 0, 1e-3, 0]
 
 
+_LAUNCH = """
+import json, resource, subprocess, sys, time
+began = time.perf_counter()
+code = subprocess.run(sys.argv[2:]).returncode
+wall_s = time.perf_counter() - began
+with open(sys.argv[1], "w") as file:
+    json.dump([code, wall_s, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss], file)
+"""
+"""Starts a command from a small process: the largest memory of a child counts its parent's at the start."""
+
+
 def measure(name: str, words: Sequence[str]) -> Cost:
     """Run a command in a process of its own.
 
     Raises:
         RuntimeError: It failed.
     """
-    began = time.perf_counter()
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
-    with process:
-        output = process.stdout.read() if process.stdout else ""
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-    wall_s = time.perf_counter() - began
-    if process.returncode:
-        raise RuntimeError(f"{name} failed with code {process.returncode}: {' '.join(words)}")
-    return Cost(name=name, wall_s=wall_s, memory_mb=usage.ru_maxrss / 1024.0, output=output)
+    with tempfile.NamedTemporaryFile("r") as told:
+        launch = [sys.executable, "-S", "-c", _LAUNCH, told.name, *words]
+        output = subprocess.run(launch, stdout=subprocess.PIPE, text=True, check=False).stdout
+        code, wall_s, kilobytes = json.load(told)
+    if code:
+        raise RuntimeError(f"{name} failed with code {code}: {' '.join(words)}")
+    return Cost(name=name, wall_s=wall_s, memory_mb=kilobytes / 1024.0, output=output)
 
 
 def measure_all(log: Path, *, commands: Sequence[str] = ()) -> list[Cost]:
