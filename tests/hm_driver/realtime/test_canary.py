@@ -59,12 +59,12 @@ def test_a_canary_without_deadlines_is_refused():
 @pytest.mark.timing
 def test_a_canary_sleeps_to_the_deadlines_of_the_loop(device):
     watch = WatchOptions(heartbeat_s=2.0, exchange_timeout_s=1.0, freeze_s=2.0, missed_s=5.0)
-    with SharedBlock.create(trace_size(2000), tag="trace") as block:
+    with SharedBlock.create(trace_size(20_000), tag="trace") as block:
         trace = Trace(block.buffer)
         with LoopProcess(LoopOptions(url=device.url, watch=watch, trace=str(block.path))) as loop:
             loop.start()
             start_ns = int(loop.segment.words[Word.START_NS])
-            with Canary(CanaryOptions(period_ns=MS, start_ns=start_ns, length=2000)) as canary:
+            with Canary(CanaryOptions(period_ns=MS, start_ns=start_ns, length=20_000)) as canary:
                 for tick in range(50):
                     loop.publish(SetPoint(sequence=float(tick)))
                     time.sleep(0.01)
